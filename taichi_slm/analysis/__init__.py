@@ -1,0 +1,1 @@
+"""Numbers from particles: melt pool, track."""
