@@ -1,0 +1,1 @@
+"""The laws of an alloy, with sources, and the tables made from them."""
