@@ -36,9 +36,9 @@ def measure(
 ) -> MeltPool:
     """Measure the pool of particles at ``position`` [m], shape [n, dimension]; other arrays have shape [n].
 
-    ``melting_temperature`` [K] is where the liquid fraction is a half: a number, or one per particle (infinite
-    for what never melts). The edge is the set of points where T, linear between a liquid particle and a
-    neighbour that is not, equals it; its error is of second order in the spacing.
+    ``melting_temperature`` [K] is where the liquid fraction is a half: a number, or one per particle
+    (infinite for what never melts). The edge is the set of points where T, linear between a liquid particle
+    and a neighbour that is not, equals it; its error is of second order in the spacing.
     """
     excess = temperature - melting_temperature
     liquid = (excess >= 0.0) & (liquid_fraction >= 0.5)
@@ -95,7 +95,7 @@ def groups(
 
 @dataclass(frozen=True)
 class Track:
-    """What was melted and is solid again; a particle fills its cell: lengths end half a spacing off a centre."""
+    """What was melted and is solid again; a particle fills its cell, so lengths include half a spacing."""
 
     length_m: float = 0.0
     width_m: float | None = None  # None in 2-D
@@ -126,8 +126,8 @@ def solid_track(
 ) -> Track:
     """Measure the re-solidified track: particles that have been liquid and are not any more.
 
-    ``position`` [m] has shape [n, dimension], the other arrays shape [n]; ``ever_liquid`` and ``wall`` are true
-    or false. Particles of a ``wall`` belong to no track.
+    ``position`` [m] has shape [n, dimension], the other arrays shape [n]; ``ever_liquid`` and ``wall`` are
+    true or false. Particles of a ``wall`` belong to no track.
     """
     part = np.ones(len(position), dtype=bool) if wall is None else ~wall.astype(bool)
     solid = part & (liquid_fraction < 0.5)

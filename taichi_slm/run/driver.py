@@ -1,0 +1,219 @@
+"""One run from config to closing lines: `execute` a new one, `resume` one that stopped."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any
+
+from rich.console import Console
+
+from taichi_slm.config.schema import Config
+from taichi_slm.errors import BlowUpError, InterruptedRunError, SlmError, StoppedError, StorageError
+from taichi_slm.output.atomic import write_json
+from taichi_slm.run.checkpoint import Checkpoint, latest_good
+from taichi_slm.run.progress import Progress, clock, quantity
+from taichi_slm.run.recorder import Recorder, RunningSimulation
+from taichi_slm.run.run_folder import (
+    LoadedConfig,
+    RunFolder,
+    package_version,
+    provenance,
+    read_json,
+    source_hash,
+)
+from taichi_slm.run.summary import closing_lines, summarise
+
+RENDER_SECONDS = 1800
+GL_PACKAGES = "libgl1 libegl1 libosmesa6"
+
+
+def execute(
+    loaded: LoadedConfig,
+    out: Path | None = None,
+    arch: str = "cpu",
+    precision: str = "f64",
+    threads: int | None = None,
+    console: Console | None = None,
+) -> Path:
+    """Run ``loaded`` in a new folder (``out``, or runs/NAME-UTCSTAMP/) and return the folder."""
+    began = time.perf_counter()
+    console = console or Console()
+    folder = RunFolder.create(loaded, out)
+    _say(console, f"run {folder.path}")
+    sim = _build(loaded.config, arch, precision, threads)
+    facts = provenance(
+        loaded.config, loaded.resolved_text, loaded.path, sim.scene.materials, arch, precision, threads
+    )
+    write_json(folder.provenance, facts)
+    return _drive(sim, folder, console, began, None)
+
+
+def resume(path: Path, config: Config, threads: int | None = None, console: Console | None = None) -> Path:
+    """Continue the run in ``path`` from its last good checkpoint; ``config`` is its config.resolved.yaml."""
+    began = time.perf_counter()
+    console = console or Console()
+    folder = RunFolder.open(path)
+    facts = read_json(folder.provenance)
+    if folder.status.is_file() and read_json(folder.status).get("state") == "done":
+        raise StorageError(f"{path} has run to its end: there is nothing to resume")
+    checkpoint = latest_good(folder.checkpoints)
+    threads = threads if threads is not None else facts.get("threads")
+    sim = _build(config, facts.get("arch", "cpu"), facts.get("precision", "f64"), threads)
+    if facts.get("git") != source_hash():
+        _say(console, f"note: the run was begun by {facts.get('git')}, this is {source_hash()}")
+    facts.setdefault("resumed", []).append(
+        {"step": checkpoint.step, "git": source_hash(), "version": package_version(), "argv": sys.argv}
+    )
+    write_json(folder.provenance, facts)
+    folder.stop.unlink(missing_ok=True)
+    _say(console, f"resume {path} from step {checkpoint.step:,}, {quantity(checkpoint.meta['time_s'], 's')}")
+    return _drive(sim, folder, console, began, checkpoint)
+
+
+def _build(config: Config, arch: str, precision: str, threads: int | None) -> RunningSimulation:
+    from taichi_slm.run.simulation import Simulation  # Taichi starts here, and not for `--help`
+
+    try:
+        return Simulation(config, arch=arch, precision=precision, threads=threads)
+    except MemoryError as error:
+        raise StorageError(
+            "not enough memory for this scene: use a larger spacing or a smaller plate"
+        ) from error
+
+
+def _drive(
+    sim: RunningSimulation, folder: RunFolder, console: Console, began: float, resumed: Checkpoint | None
+) -> Path:
+    with StopRequests(sim) as requests:
+        _say(console, f"{sim.scene.count:,} particles; compiling kernels ...")
+        sim.compile()
+        _say(console, f"compiled in {sim.compile_time_s:.1f} s")
+        if resumed:
+            sim.restore(resumed.arrays)
+        recorder = Recorder(sim, folder, began, resumed)
+        try:
+            with Progress(sim.config.title or folder.path.name, sim.config.time.end, console) as progress:
+                _loop(sim, recorder, progress, requests)
+        except Exception as error:
+            with contextlib.suppress(StorageError):  # the first error is the one to report
+                _leave(recorder, error)
+            raise
+        finally:
+            recorder.close()
+    summary = summarise(recorder, "done")
+    write_json(folder.summary, summary)
+    recorder.write_status("done")
+    for line in closing_lines(recorder, summary):
+        _say(console, line)
+    _say(console, render(folder, sim.config))
+    _say(console, f"next       taichi-slm analyse {folder.path}    or    paraview {folder.series}")
+    return folder.path
+
+
+def _loop(sim: RunningSimulation, recorder: Recorder, progress: Progress, requests: "StopRequests") -> None:
+    limit = sim.config.time.wall_limit
+    began = time.perf_counter()
+    if sim.steps == 0 and (row := recorder.record()):
+        progress.update(row)
+    while not sim.finished:
+        before = sim.steps
+        sim.advance(recorder.next_moment())
+        if not sim.finished and requests.reason is None and sim.steps == before:
+            raise BlowUpError(f"the time step collapsed: no step was made at {quantity(sim.time, 's')}")
+        row = recorder.record()
+        if row:
+            progress.update(row)
+        if recorder.folder.stop.exists():
+            requests.reason = requests.reason or "the file STOP"
+        if limit is not None and time.perf_counter() - began > limit:
+            requests.reason = requests.reason or f"the wall limit of {clock(limit)}"
+        if requests.reason and not sim.finished:
+            recorder.write_checkpoint()
+            raise requests.error(f"resume with: taichi-slm resume {recorder.folder.path}")
+    row = recorder.record_last()
+    if row:
+        progress.update(row)
+
+
+def _leave(recorder: Recorder, error: Exception) -> None:
+    """Write what is known of a run that ends before its end; the last good checkpoint stays as it is."""
+    states: dict[type[Exception], str] = {StoppedError: "stopped", InterruptedRunError: "interrupted"}
+    state = states.get(type(error), "failed")
+    recorder.write_status(state, str(error))
+    if isinstance(error, BlowUpError):
+        recorder.write_crash()
+    if isinstance(error, SlmError):
+        write_json(recorder.folder.summary, summarise(recorder, state))
+
+
+class StopRequests:
+    """Turns SIGINT and SIGTERM into a wish to stop after the step; a second Ctrl-C leaves at once.
+
+    The simulation sees it as ``stop_requested`` and may return from `advance` early, after a whole step.
+    """
+
+    def __init__(self, sim: Any) -> None:
+        self.sim = sim
+        self.reason: str | None = None
+        self._interrupted = False
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> "StopRequests":
+        if threading.current_thread() is threading.main_thread():  # elsewhere Python forbids handlers
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._previous[number] = signal.signal(number, self._ask)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _ask(self, number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT:
+            if self._interrupted:
+                raise InterruptedRunError(
+                    "left at once on the second Ctrl-C; the last good checkpoint is untouched"
+                )
+            self._interrupted = True
+        self.reason = self.reason or ("Ctrl-C" if number == signal.SIGINT else "SIGTERM")
+        self.sim.stop_requested = True
+
+    def error(self, advice: str) -> SlmError:
+        """What to raise once the checkpoint is written."""
+        kind = InterruptedRunError if self._interrupted else StoppedError
+        return kind(f"stopped by {self.reason}, checkpoint written; {advice}")
+
+
+def render(folder: RunFolder, config: Config) -> str:
+    """Make the pictures in a process of their own, so that a missing GL never takes a run with it.
+
+    Returns the line to print.
+    """
+    if not config.output.images or config.output.images_at_most == 0:
+        return "pictures   none asked for"
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "taichi_slm.render", str(folder.path)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=RENDER_SECONDS, check=False)
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"pictures   none: {error}"
+    if done.returncode == 0:
+        count = len(list(folder.renders.glob("*.png")))
+        return f"pictures   {count} in {folder.renders} ({time.perf_counter() - began:.0f} s)"
+    said = (done.stderr or done.stdout).strip().splitlines()
+    reason = said[-1] if said else f"code {done.returncode}"
+    return (
+        f"pictures   none: rendering failed ({reason}). On a machine without OpenGL install it "
+        f"(Debian: apt install {GL_PACKAGES}), then: taichi-slm render {folder.path}"
+    )
+
+
+def _say(console: Console, text: str) -> None:
+    console.print(text, markup=False, highlight=False, soft_wrap=True)

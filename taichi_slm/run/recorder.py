@@ -1,0 +1,230 @@
+"""Writes what is due (history, snapshot, checkpoint, status) and never changes the simulation."""
+
+import contextlib
+import time
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from taichi_slm.analysis.melt_pool import MeltPool, measure
+from taichi_slm.config.material import Material
+from taichi_slm.config.schema import Config
+from taichi_slm.output.atomic import make_folder, write_json
+from taichi_slm.output.history import COLUMNS, History, keep_until
+from taichi_slm.output.snapshots import Snapshot, read_series, write_series, write_snapshot
+from taichi_slm.run.checkpoint import Checkpoint, Slots
+from taichi_slm.run.run_folder import RunFolder, package_version, source_hash
+from taichi_slm.run.schedule import TOLERANCE, Every, earliest
+from taichi_slm.scene.scene import Scene
+
+STATUS_SECONDS = 1.0
+
+
+class RunningSimulation(Protocol):
+    """What the run needs of :class:`taichi_slm.run.simulation.Simulation`."""
+
+    config: Config
+    scene: Scene
+    time: float
+    steps: int
+    finished: bool
+    compile_time_s: float
+    solver_time_s: float
+    particle_steps: int
+
+    def compile(self) -> None:
+        """Compile all kernels."""
+
+    def advance(self, until: float) -> None:
+        """Step until ``time`` is ``until`` [s], or it is finished."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The live particles."""
+
+    def diagnostics(self) -> dict[str, Any]:
+        """A row of history without the melt pool."""
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """All of the state."""
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Return to a checkpoint."""
+
+
+class Recorder:
+    """The files of one run while it goes on."""
+
+    def __init__(
+        self, sim: RunningSimulation, folder: RunFolder, began: float, resumed: Checkpoint | None = None
+    ) -> None:
+        """Start the files of ``folder``, or cut them back to the moment of ``resumed``.
+
+        ``began`` is the wall time by `time.perf_counter` at which this process started on the run; the
+        simulation is compiled, and restored if the run is a resumed one.
+        """
+        self.sim, self.folder = sim, folder
+        self._began = began
+        self.melting = melting_points(sim.scene.materials)
+        self.entries: list[tuple[float, str]] = []
+        self._last_row = self._last_snapshot = self._status_at = -1.0
+        self._carried = _costs_before(resumed.meta, sim) if resumed else {}
+        self._resumed_at = sim.time
+        self.checkpoint_path = resumed.path if resumed else None
+        after = None
+        if resumed:
+            after = float(resumed.meta["time_s"])
+            self._cut_back(resumed)
+        self.history = History(folder.history)
+        self.slots = Slots(folder.checkpoints)
+        end, output = sim.config.time.end, sim.config.output
+        self.rows = Every(output.history_interval or end / 400, after)
+        self.pictures = Every(output.snapshot_interval or end / 40, after)
+        self.saves = Every(output.checkpoint_interval or end / 10, after)
+
+    def _cut_back(self, resumed: Checkpoint) -> None:
+        keep_until(self.folder.history, resumed.step)
+        limit = float(resumed.meta["time_s"]) + TOLERANCE * self.sim.config.time.end
+        self.entries = [
+            (moment, f"{path.parent.name}/{path.name}")
+            for moment, path in read_series(self.folder.series)
+            if moment <= limit and path.is_file()
+        ]
+        for path in sorted(self.folder.snapshots.glob("*.vtu")):
+            if int(path.stem) >= len(self.entries):
+                with contextlib.suppress(OSError):
+                    path.unlink()
+        write_series(self.folder.series, self.entries)
+
+    def next_moment(self) -> float:
+        """The next simulated time [s] at which something is due."""
+        return earliest([self.rows, self.pictures, self.saves], self.sim.config.time.end)
+
+    def record(self) -> dict[str, Any] | None:
+        """Write all that is due now; the row of history if there was one."""
+        now = self.sim.time
+        row = self.write_row() if self.rows.due(now) else None
+        if self.pictures.due(now):
+            self.write_snapshot()
+        if self.saves.due(now):
+            self.write_checkpoint()
+        elif time.perf_counter() - self._status_at > STATUS_SECONDS:
+            self.write_status("running")
+        return row
+
+    def record_last(self) -> dict[str, Any] | None:
+        """Close a finished run: a last row and a last snapshot, if the last ones are older."""
+        row = None if self._last_row == self.sim.time else self.write_row()
+        if self._last_snapshot != self.sim.time:
+            self.write_snapshot()
+        return row
+
+    def write_row(self) -> dict[str, Any]:
+        """Append the present to history.csv; returns the row."""
+        pool = self.melt_pool()
+        row = {
+            **self.sim.diagnostics(),
+            "melt_length_m": pool.length,
+            "melt_width_m": pool.width,
+            "melt_depth_m": pool.depth,
+        }
+        row = {**{name: row.get(name) for name in COLUMNS}, **row}
+        self.history.append(row)
+        self._last_row = self.sim.time
+        return row
+
+    def melt_pool(self) -> MeltPool:
+        """The pool as it is now."""
+        arrays = self.sim.arrays()
+        melting = self.melting[arrays["material"]]
+        melting[arrays["wall"].astype(bool)] = np.inf
+        return measure(
+            arrays["position"],
+            arrays["temperature"],
+            arrays["liquid_fraction"],
+            melting,
+            self.sim.config.spacing,
+        )
+
+    def write_snapshot(self) -> None:
+        """Write the next VTU and the time series."""
+        path = self.folder.snapshot(len(self.entries))
+        write_snapshot(path, self._snapshot())
+        self.entries.append((self.sim.time, f"{path.parent.name}/{path.name}"))
+        write_series(self.folder.series, self.entries)
+        self._last_snapshot = self.sim.time
+
+    def write_crash(self) -> None:
+        """Write the particles as they are at a blow-up."""
+        make_folder(self.folder.crash)
+        write_snapshot(self.folder.crash / f"step_{self.sim.steps}.vtu", self._snapshot())
+
+    def _snapshot(self) -> Snapshot:
+        sim = self.sim
+        return Snapshot(
+            arrays=sim.arrays(),
+            time=sim.time,
+            step=sim.steps,
+            dimension=sim.config.dimension,
+            spacing=sim.config.spacing,
+            git=source_hash(),
+            version=package_version(),
+        )
+
+    def costs(self) -> dict[str, float]:
+        """Wall, solver and compile time [s] and particle steps, those before a resume included."""
+        sim = self.sim
+        now = {
+            "wall_time_s": time.perf_counter() - self._began,
+            "solver_time_s": sim.solver_time_s,
+            "compile_time_s": sim.compile_time_s,
+            "particle_steps": sim.particle_steps,
+        }
+        return {name: value + self._carried.get(name, 0) for name, value in now.items()}
+
+    def write_checkpoint(self) -> None:
+        """Save the state into the slot that is free."""
+        meta = {"step": self.sim.steps, "time_s": self.sim.time, **self.costs()}
+        self.checkpoint_path = self.slots.write(self.sim.checkpoint(), meta)
+        self.write_status("running")
+
+    def write_status(self, state: str, message: str = "") -> None:
+        """Say in status.json where the run stands."""
+        self._status_at = time.perf_counter()
+        end = self.sim.config.time.end
+        done = self.sim.time - self._resumed_at
+        wall = self._status_at - self._began
+        eta = wall * (end - self.sim.time) / done if state == "running" and done > 0.0 else None
+        slot = self.checkpoint_path
+        status = {
+            "state": state,
+            "step": self.sim.steps,
+            "time_s": self.sim.time,
+            "end_s": end,
+            "progress": self.sim.time / end,
+            "eta_s": eta,
+            "last_good_checkpoint": f"{slot.parent.name}/{slot.name}" if slot else None,
+            "message": message,
+        }
+        write_json(self.folder.status, status)
+
+    def close(self) -> None:
+        """Close the open file."""
+        self.history.close()
+
+
+def _costs_before(meta: dict[str, Any], sim: RunningSimulation) -> dict[str, float]:
+    """Costs of the processes before this one; a counter that the simulation has restored counts once."""
+    restored = {"solver_time_s": sim.solver_time_s, "particle_steps": sim.particle_steps}
+    names = ("wall_time_s", "solver_time_s", "compile_time_s", "particle_steps")
+    return {name: meta[name] - restored.get(name, 0) for name in names}
+
+
+def melting_points(materials: Sequence[Material]) -> np.ndarray:
+    """Where half of each material is liquid [K], shape [materials]; infinite for one that has no solid."""
+    return np.array(
+        [
+            0.5 * (m.solidus + m.liquidus) if m.solidus is not None and m.liquidus is not None else np.inf
+            for m in materials
+        ]
+    )
