@@ -1,9 +1,10 @@
 """A stand-in for the simulation: a comet of heat runs over a powder row, in closed form."""
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 
+from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.scene.scene import Scene
@@ -38,9 +39,8 @@ def config(
     )
 
 
-def loaded(parsed: Config, text: str = "title: as given\n") -> SimpleNamespace:
-    resolved = parsed.model_dump_json()  # JSON is YAML
-    return SimpleNamespace(config=parsed, text=text, resolved_text=resolved, path=None)
+def loaded(parsed: Config, text: str = "title: as given\n") -> LoadedConfig:
+    return LoadedConfig(parsed, text, parsed.model_dump(mode="json"), Path("comet.yaml"))
 
 
 def scene(parsed: Config) -> Scene:

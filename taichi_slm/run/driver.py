@@ -8,18 +8,18 @@ import threading
 import time
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import BlowUpError, InterruptedRunError, SlmError, StoppedError, StorageError
 from taichi_slm.output.atomic import write_json
 from taichi_slm.run.checkpoint import Checkpoint, latest_good
 from taichi_slm.run.progress import Progress, clock, quantity
-from taichi_slm.run.recorder import Recorder, RunningSimulation
+from taichi_slm.run.recorder import Recorder
 from taichi_slm.run.run_folder import (
-    LoadedConfig,
     RunFolder,
     package_version,
     provenance,
@@ -27,6 +27,9 @@ from taichi_slm.run.run_folder import (
     source_hash,
 )
 from taichi_slm.run.summary import closing_lines, summarise
+
+if TYPE_CHECKING:
+    from taichi_slm.run.simulation import Simulation
 
 RENDER_SECONDS = 1800
 GL_PACKAGES = "libgl1 libegl1 libosmesa6"
@@ -53,8 +56,8 @@ def execute(
     return _drive(sim, folder, console, began, None)
 
 
-def resume(path: Path, config: Config, threads: int | None = None, console: Console | None = None) -> Path:
-    """Continue the run in ``path`` from its last good checkpoint; ``config`` is its config.resolved.yaml."""
+def resume(path: Path, threads: int | None = None, console: Console | None = None) -> Path:
+    """Continue the run in ``path`` from its last good checkpoint."""
     began = time.perf_counter()
     console = console or Console()
     folder = RunFolder.open(path)
@@ -63,6 +66,7 @@ def resume(path: Path, config: Config, threads: int | None = None, console: Cons
         raise StorageError(f"{path} has run to its end: there is nothing to resume")
     checkpoint = latest_good(folder.checkpoints)
     threads = threads if threads is not None else facts.get("threads")
+    config = load_config(folder.resolved).config
     sim = _build(config, facts.get("arch", "cpu"), facts.get("precision", "f64"), threads)
     if facts.get("git") != source_hash():
         _say(console, f"note: the run was begun by {facts.get('git')}, this is {source_hash()}")
@@ -75,7 +79,7 @@ def resume(path: Path, config: Config, threads: int | None = None, console: Cons
     return _drive(sim, folder, console, began, checkpoint)
 
 
-def _build(config: Config, arch: str, precision: str, threads: int | None) -> RunningSimulation:
+def _build(config: Config, arch: str, precision: str, threads: int | None) -> "Simulation":
     from taichi_slm.run.simulation import Simulation  # Taichi starts here, and not for `--help`
 
     try:
@@ -87,7 +91,7 @@ def _build(config: Config, arch: str, precision: str, threads: int | None) -> Ru
 
 
 def _drive(
-    sim: RunningSimulation, folder: RunFolder, console: Console, began: float, resumed: Checkpoint | None
+    sim: "Simulation", folder: RunFolder, console: Console, began: float, resumed: Checkpoint | None
 ) -> Path:
     with StopRequests(sim) as requests:
         _say(console, f"{sim.scene.count:,} particles; compiling kernels ...")
@@ -115,7 +119,7 @@ def _drive(
     return folder.path
 
 
-def _loop(sim: RunningSimulation, recorder: Recorder, progress: Progress, requests: "StopRequests") -> None:
+def _loop(sim: "Simulation", recorder: Recorder, progress: Progress, requests: "StopRequests") -> None:
     limit = sim.config.time.wall_limit
     began = time.perf_counter()
     if sim.steps == 0 and (row := recorder.record()):

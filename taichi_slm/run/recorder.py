@@ -3,60 +3,30 @@
 import contextlib
 import time
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichi_slm.analysis.melt_pool import MeltPool, measure
 from taichi_slm.config.material import Material
-from taichi_slm.config.schema import Config
 from taichi_slm.output.atomic import make_folder, write_json
 from taichi_slm.output.history import COLUMNS, History, keep_until
 from taichi_slm.output.snapshots import Snapshot, read_series, write_series, write_snapshot
 from taichi_slm.run.checkpoint import Checkpoint, Slots
 from taichi_slm.run.run_folder import RunFolder, package_version, source_hash
 from taichi_slm.run.schedule import TOLERANCE, Every, earliest
-from taichi_slm.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from taichi_slm.run.simulation import Simulation
 
 STATUS_SECONDS = 1.0
-
-
-class RunningSimulation(Protocol):
-    """What the run needs of :class:`taichi_slm.run.simulation.Simulation`."""
-
-    config: Config
-    scene: Scene
-    time: float
-    steps: int
-    finished: bool
-    compile_time_s: float
-    solver_time_s: float
-    particle_steps: int
-
-    def compile(self) -> None:
-        """Compile all kernels."""
-
-    def advance(self, until: float) -> None:
-        """Step until ``time`` is ``until`` [s], or it is finished."""
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The live particles."""
-
-    def diagnostics(self) -> dict[str, Any]:
-        """A row of history without the melt pool."""
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """All of the state."""
-
-    def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Return to a checkpoint."""
 
 
 class Recorder:
     """The files of one run while it goes on."""
 
     def __init__(
-        self, sim: RunningSimulation, folder: RunFolder, began: float, resumed: Checkpoint | None = None
+        self, sim: "Simulation", folder: RunFolder, began: float, resumed: Checkpoint | None = None
     ) -> None:
         """Start the files of ``folder``, or cut them back to the moment of ``resumed``.
 
@@ -213,7 +183,7 @@ class Recorder:
         self.history.close()
 
 
-def _costs_before(meta: dict[str, Any], sim: RunningSimulation) -> dict[str, float]:
+def _costs_before(meta: dict[str, Any], sim: "Simulation") -> dict[str, float]:
     """Costs of the processes before this one; a counter that the simulation has restored counts once."""
     restored = {"solver_time_s": sim.solver_time_s, "particle_steps": sim.particle_steps}
     names = ("wall_time_s", "solver_time_s", "compile_time_s", "particle_steps")

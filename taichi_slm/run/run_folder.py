@@ -12,34 +12,15 @@ from datetime import datetime, timezone
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import StorageError
-from taichi_slm.output.atomic import make_folder, storage_error, write_json, write_text
+from taichi_slm.output.atomic import make_folder, storage_error, write_text
 
 PACKAGES = ("taichi", "numpy", "scipy", "vtk", "pyvista", "meshio", "pydantic")
-
-
-class LoadedConfig(Protocol):
-    """A config as the loader returns it."""
-
-    @property
-    def config(self) -> Config:
-        """The validated model."""
-
-    @property
-    def text(self) -> str:
-        """The YAML as given."""
-
-    @property
-    def resolved_text(self) -> str:
-        """The same scene with every default spelled out."""
-
-    @property
-    def path(self) -> Path | None:
-        """Where it was read from."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +130,7 @@ def _fresh(loaded: LoadedConfig, out: Path | None) -> Path:
             )
         make_folder(out)
         return out
-    name = loaded.path.stem if loaded.path else "run"
+    name = loaded.path.stem
     stamp = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
     make_folder(Path("runs"))
     for attempt in range(1, 1000):
@@ -167,7 +148,7 @@ def _fresh(loaded: LoadedConfig, out: Path | None) -> Path:
 def provenance(
     config: Config,
     resolved_text: str,
-    source: Path | None,
+    source: Path,
     materials: Sequence[Material],
     arch: str,
     precision: str,
@@ -178,7 +159,7 @@ def provenance(
         "version": package_version(),
         "git": source_hash(),
         "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "config": str(source) if source else None,
+        "config": str(source),
         "config_sha256": hashlib.sha256(resolved_text.encode("utf-8")).hexdigest(),
         "seed": config.seed,
         "arch": arch,
@@ -226,11 +207,6 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise StorageError(f"{path} is damaged: it holds no object")
     return value
-
-
-def write_provenance(folder: RunFolder, facts: dict[str, Any]) -> None:
-    """Put ``facts`` of :func:`provenance` into the run."""
-    write_json(folder.provenance, facts)
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -11,6 +11,7 @@ from taichi_slm.output.history import read_history
 from taichi_slm.run.progress import clock, quantity
 from taichi_slm.run.recorder import Recorder
 
+# Lost is net of viscous heating, so that absorbed = stored + lost.
 LOSSES = ("radiated_J", "conducted_out_J", "evaporated_J", "removed_J")
 
 
@@ -41,7 +42,7 @@ def summarise(recorder: Recorder, status: str) -> dict[str, Any]:
         "energy": {
             "absorbed_J": row["absorbed_J"],
             "stored_J": row["stored_J"],
-            "lost_J": sum(row.get(name) or 0.0 for name in LOSSES),
+            "lost_J": sum(row.get(name) or 0.0 for name in LOSSES) - (row.get("viscous_J") or 0.0),
             "relative_error": row["energy_error"],
         },
         "mass": {
