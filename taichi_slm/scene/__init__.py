@@ -1,0 +1,1 @@
+"""A config becomes particles: numpy arrays, seeded, the same on every machine."""
