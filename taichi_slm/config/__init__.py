@@ -1,0 +1,1 @@
+"""YAML -> one frozen, validated Config: the schema, units, reading, checking."""
