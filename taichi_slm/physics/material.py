@@ -1,0 +1,97 @@
+"""Properties of the materials on the device: linear interpolation in the tables that `materials.tables` makes.
+
+Equation   rho0(T), k(T), mu(T), sigma(T) ... of the alloy files; liquid fraction s = (T - T_S)/(T_L - T_S) (eq. 40)
+Reads      temperature [K] or enthalpy [J/kg]
+Checked    tests/test_physics.py: tables against the laws they were made from
+"""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+from taichi_slm.materials.tables import PropertyTables
+
+
+class MaterialTables:
+    """The tables as fields of shape [material, knot], and the functions that read them.
+
+    A table has three segments (solid, mushy, liquid) with equally spaced knots, so a look-up is a comparison and a
+    division, and the solidus and liquidus are knots: kinks stay sharp.
+    """
+
+    def __init__(self, tables: PropertyTables, real: Any, names: tuple[str, ...]):
+        count = tables.segment_start.shape[0]
+        bases = np.asarray(tables.segment_base, np.int32)  # first knot of each segment, and the last knot
+        self._names = names
+        self.values = {name: self._field(getattr(tables, name), real) for name in names}
+        start = self._field(tables.segment_start, real)
+        heat_start = self._field(tables.enthalpy_start, ti.f64)
+        inverse_heat = self._field(tables.temperature_of_enthalpy, ti.f64)
+        base = [int(b) for b in bases]
+
+        @ti.func
+        def locate(m, T):
+            """Knot and fraction of temperature T; beyond the table the end segment is extended."""
+            segment = 0
+            if T > start[m, 2]:
+                segment = 2
+            elif T > start[m, 1]:
+                segment = 1
+            first = base[0]
+            last = base[1]
+            if segment == 1:
+                first = base[1]
+                last = base[2]
+            elif segment == 2:
+                first = base[2]
+                last = base[3]
+            low = start[m, segment]
+            place = (T - low) / ti.max(start[m, segment + 1] - low, 1e-30) * (last - first)
+            knot = ti.max(first, ti.min(last - 1, first + ti.cast(ti.floor(place), ti.i32)))
+            return knot, place - (knot - first)
+
+        @ti.func
+        def temperature_of(m, H):
+            """T(H): the inverse of the enthalpy table; its knots are equally spaced in H."""
+            segment = 0
+            if H > heat_start[m, 2]:
+                segment = 2
+            elif H > heat_start[m, 1]:
+                segment = 1
+            first = base[0]
+            last = base[1]
+            if segment == 1:
+                first = base[1]
+                last = base[2]
+            elif segment == 2:
+                first = base[2]
+                last = base[3]
+            low = heat_start[m, segment]
+            place = (H - low) / ti.max(heat_start[m, segment + 1] - low, ti.cast(1e-30, ti.f64)) * (last - first)
+            knot = ti.max(first, ti.min(last - 1, first + ti.cast(ti.floor(place), ti.i32)))
+            fraction = place - (knot - first)
+            return (1.0 - fraction) * inverse_heat[m, knot] + fraction * inverse_heat[m, knot + 1]
+
+        @ti.func
+        def liquid_fraction(m, T):
+            return ti.max(0.0, ti.min(1.0, (T - start[m, 1]) / ti.max(start[m, 2] - start[m, 1], 1e-30)))
+
+        self.count = count
+        self.locate, self.temperature_of, self.liquid_fraction = locate, temperature_of, liquid_fraction
+
+    @staticmethod
+    def _field(values: np.ndarray, kind: Any) -> Any:
+        target = ti.field(kind, shape=values.shape)
+        target.from_numpy(np.ascontiguousarray(values, np.float32 if str(kind) == "f32" else np.float64))
+        return target
+
+    def reader(self, name: str) -> Any:
+        """The Taichi function (m, knot, fraction) -> property ``name``."""
+        table = self.values[name]
+
+        @ti.func
+        def read(m, knot, fraction):
+            return (1.0 - fraction) * table[m, knot] + fraction * table[m, knot + 1]
+
+        return read

@@ -1,0 +1,103 @@
+"""Who has work to do: mobile, beside the mobile, hot or lit. The rows of the lists, and when to choose them anew.
+
+A set is chosen from whole cells, so that it reaches a cell or two beyond those who need it; it is chosen again when
+somebody moved half a skin, melted, or when the warmth or the beam reached its rim.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+from taichi_slm.config.schema import Config
+from taichi_slm.errors import BlowUpError
+from taichi_slm.physics.laser import LaserBins, beam_reach
+from taichi_slm.solver.ejection import Ejection
+from taichi_slm.solver.flow import FlowPasses
+from taichi_slm.solver.surface import SurfacePasses
+from taichi_slm.sph.cells import Cells
+from taichi_slm.sph.neighbours import Neighbours
+from taichi_slm.state import State
+
+WARM_FROM = 1e-3  # a particle is warm when it differs by this much from the rest [K]: 1e-6 of a melt pool's rise
+
+
+class Activity:
+    """Keeps cells, rows and lists up to date."""
+
+    def __init__(self, state: State, cells: Cells, rows: Neighbours, config: Config, rest: float, all_hot: bool,
+                 bins: LaserBins | None):  # fmt: skip
+        performance, dx = config.performance, config.spacing
+        self.state, self.cells, self.rows, self.bins = state, cells, rows, bins
+        self.flow: FlowPasses | None = None
+        self.surface: SurfacePasses | None = None
+        self.ejection: Ejection | None = None
+        self.rest = rest
+        self.builds = 0
+        self.stale = True
+        self._keep = performance.keep_neighbours
+        self._half_skin2 = (0.5 * performance.skin * dx) ** 2
+        self._all_flow = (0 if performance.skip_solid else 1) if state.needs.flow else -1
+        self._all_hot = (0 if performance.skip_cold and not all_hot else 1) if state.needs.heat else -1
+        self._cell = cells.size
+        self._laser = config.laser
+        self._lit_centre: tuple[float, ...] | None = None
+        self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
+        self._box: Any = ti.types.vector(state.dimension, ti.f64)
+
+    def neighbours(self) -> None:
+        """Build the lists anew if they are stale or somebody moved half a skin."""
+        moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
+        if self.stale or moved or not self._keep:
+            self.build()
+
+    def beam_at(self, centre: tuple[float, ...] | None) -> None:
+        """Tell where the beam is [m] (None: off); far from where it was last, the lit set is stale."""
+        if centre is None:
+            self._next_centre = None
+            return
+        self._next_centre = centre
+        if self._lit_centre is None or math.dist(centre, self._lit_centre) > self._margin:
+            self.stale = True
+
+    _next_centre: tuple[float, ...] | None = None
+
+    def build(self) -> None:
+        """Cells, rows, lists, ejection, and the surface's rows. Raises BlowUpError on a lost particle or a full list."""
+        self.cells.build(WARM_FROM, self.rest)
+        self._check(self.cells.invalid, "a particle has no finite place", "position")
+        self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")
+        self.rows.build(self._all_flow, self._all_hot, self._lit_box())
+        self._check(self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists")
+        if self.ejection is not None:
+            self.ejection.step()
+        if self.surface is not None and self.rows.flow > 0:
+            self.surface.refresh()
+        if self.flow is not None:
+            self.flow.moved[None] = 0.0
+        self.stale = False
+        self.builds += 1
+
+    def _lit_box(self) -> tuple[Any, Any]:
+        d = self.state.dimension
+        low, high = np.full(d, 1.0), np.full(d, -1.0)  # empty
+        self._lit_centre = self._next_centre
+        if self._lit_centre is not None and self._laser is not None and self.bins is not None:
+            reach = beam_reach(self._laser) + self._margin + 2.0 * self.bins.size
+            low[: d - 1] = np.asarray(self._lit_centre) - reach
+            high[: d - 1] = np.asarray(self._lit_centre) + reach
+            low[d - 1], high[d - 1] = -np.inf, np.inf
+            if self.bins.floor[None] < 1e29:
+                low[d - 1] = self.bins.floor[None] - 4.0 * self._cell
+        return self._box(low), self._box(high)
+
+    def _check(self, flag: Any, rule: str, what: str) -> None:
+        particle = int(flag[None])
+        if particle >= 0:
+            place = self.state.array("position")[particle]
+            where = ", ".join(f"{1e6 * x:.2f} um" for x in place)
+            raise BlowUpError(
+                f"neighbour search ({what}): {rule} (particle {particle} at {where}); "
+                "a smaller numerics.courant or a larger numerics.sound_speed may help"
+            )

@@ -1,0 +1,257 @@
+"""The heat passes: rates, the time scheme, latent heat, phase.
+
+    rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
+    account  energy accounts of a stage
+    predict  state at the end of the step with the present rates
+    correct  mean of both rates (second order)
+    phases   who melted, who froze, how hot it is
+"""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+from taichi_slm.physics.conduction import pair_conduction
+from taichi_slm.physics.evaporation import vapour
+from taichi_slm.physics.material import MaterialTables
+from taichi_slm.physics.phase_change import phase_setter, property_setter
+from taichi_slm.physics.radiation import radiated_flux
+from taichi_slm.solver.discretisation import Discretisation
+from taichi_slm.solver.ledger import ENERGY, MOMENTUM, Ledger
+from taichi_slm.sph.neighbours import Neighbours
+from taichi_slm.state import HELD, MOBILE, State
+
+# what `phases` reports
+MELTED, FROZE, LEFT_RIM, MOVING, HOTTEST, HOTTEST_ID = range(6)
+
+
+class HeatPasses:
+    """The compiled passes. In 2-D powers are per metre of depth."""
+
+    def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger, tables: MaterialTables,
+                 emissivity: np.ndarray, band_heat_capacity: np.ndarray, evaporations: tuple[Any, ...],
+                 alpha_viscosity: float, warm_from: float, rest: float):  # fmt: skip
+        self._rows = rows
+        self._scheme = disc.numerics.heat_scheme
+        self._tolerance = disc.numerics.fixed_point_tolerance
+        self._sweeps = disc.numerics.fixed_point_sweeps
+        self.report = ti.field(ti.f64, shape=6)
+        self.change = ti.field(ti.f64, shape=())  # largest relative change of a fixed-point sweep
+        self.sweeps = 0  # of the last step
+        self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
+        self._account = self._compile_account(state, rows, disc, ledger)
+        self._predict, self._correct = self._compile_scheme(
+            state, rows, disc, tables, band_heat_capacity, alpha_viscosity
+        )
+        self._phases = self._compile_phases(state, rows, disc, ledger, warm_from, rest)
+
+    def step(self, dt: float, lit: bool) -> np.ndarray:
+        """One heat step of ``dt`` [s] with the laser powers frozen; returns the report of `phases`."""
+        total, lit_now = self._rows.total, int(lit)
+        self._rates(total, lit_now, 1.0 / dt)
+        if self._scheme == "euler":
+            self._account(total, lit_now, dt, 1)
+            self._predict(total, dt)
+        else:
+            self._account(total, lit_now, 0.5 * dt, 1)
+            self._predict(total, dt)
+            for sweep in range(self._sweeps if self._scheme == "trapezoid" else 1):
+                self._rates(total, lit_now, 1.0 / dt)
+                self._correct(total, 0.5 * dt)
+                self.sweeps = sweep + 1
+                if self._scheme == "trapezoid" and self.change[None] < self._tolerance:
+                    break
+            self._account(total, lit_now, 0.5 * dt, 0)
+        self._phases(total, dt)
+        report: np.ndarray = self.report.to_numpy()
+        return report
+
+    def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
+                       evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
+        numerics, physics = disc.numerics, disc.physics
+        _, F = disc.flow_kernel.functions()
+        one_material = len(emissivity) == 1
+        flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, disc.conduction_moment)
+        radiated = radiated_flux(disc.ambient, numerics.radiation_law)
+        evaporated = vapour(evaporations, disc.real)[0] if physics.evaporation else None
+        emits = ti.field(disc.real, shape=len(emissivity))
+        emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
+        serial, viscous = disc.serial, state.needs.viscous_heating
+
+        @ti.kernel
+        def rates(total: ti.i32, lit: ti.i32, per_step: ti.f64):
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                x = state.position[a]
+                T_a = state.temperature[a]
+                k_a = state.conductivity[a]
+                phi_a = state.kirchhoff[a]
+                m_a = state.material[a]
+                V_a = state.volume[a]
+                conducted = x[0] * 0.0
+                for j in range(rows.near_count[k]):
+                    b = rows.near[k, j]
+                    same = ti.cast(state.material[b] == m_a, ti.i32)
+                    slope = state.volume[b] * F((x - state.position[b]).norm_sqr())
+                    conducted += slope * flux(
+                        same, T_a, state.temperature[b], k_a, state.conductivity[b], phi_a, state.kirchhoff[b]
+                    )
+                heating = ti.cast(V_a * conducted, ti.f64)
+                if ti.static(physics.radiation):
+                    lost = V_a * state.colour_strength[a] * radiated(emits[m_a], T_a)
+                    state.radiated[a] = lost
+                    heating -= lost
+                if ti.static(physics.evaporation):
+                    lost = V_a * state.colour_strength[a] * evaporated(m_a, T_a)
+                    state.evaporated[a] = lost
+                    heating -= lost
+                if lit != 0:
+                    heating += state.laser[a]
+                if ti.static(viscous):
+                    heating += state.viscous_work[a] * per_step
+                state.heating[a] = heating
+
+        return rates
+
+    def _compile_account(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
+        energy, physics, ordered = ledger.energy, disc.physics, disc.ordered
+        absorbed, radiated, evaporated, conducted, viscous = (
+            ENERGY.index(n) for n in ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")
+        )
+        chunks = 1 if ordered else 1024
+        has_viscous = state.needs.viscous_heating
+
+        @ti.kernel
+        def account(total: ti.i32, lit: ti.i32, dt: ti.f64, first: ti.i32):
+            ti.loop_config(serialize=ordered)
+            for chunk in range(chunks):
+                sums = ti.Vector.zero(ti.f64, 5)
+                for k in range(chunk * total // chunks, (chunk + 1) * total // chunks):
+                    a = rows.rows[k]
+                    if lit != 0:
+                        sums[0] += state.laser[a]
+                    if ti.static(physics.radiation):
+                        sums[1] += state.radiated[a]
+                    if ti.static(physics.evaporation):
+                        sums[2] += state.evaporated[a]
+                    if (state.kind[a] & HELD) != 0:
+                        sums[3] += state.heating[a]
+                    if ti.static(has_viscous):
+                        if first != 0:
+                            sums[4] += state.viscous_work[a]
+                ti.atomic_add(energy[absorbed], dt * sums[0])
+                ti.atomic_add(energy[radiated], dt * sums[1])
+                ti.atomic_add(energy[evaporated], dt * sums[2])
+                ti.atomic_add(energy[conducted], dt * sums[3])
+                ti.atomic_add(energy[viscous], sums[4])
+
+        return account
+
+    def _compile_scheme(self, state: State, rows: Neighbours, disc: Discretisation, tables: MaterialTables,
+                        band_heat_capacity: np.ndarray, alpha_viscosity: float) -> tuple[Any, Any]:  # fmt: skip
+        apparent = disc.numerics.latent_heat == "apparent"
+        set_properties = property_setter(state, tables, alpha_viscosity)
+        capacity, enthalpy_of = tables.reader("heat_capacity"), tables.reader("enthalpy")
+        band = ti.field(ti.f64, shape=len(band_heat_capacity))
+        band.from_numpy(np.asarray(band_heat_capacity, np.float64))
+        serial, change = disc.serial, self.change
+
+        @ti.func
+        def rate_of(a):
+            """Rate of the thermal state: dH/dt [J/(kg s)], or dT/dt [K/s] with the apparent heat capacity."""
+            rate = state.heating[a] / state.mass[a]
+            if ti.static(apparent):
+                m = state.material[a]
+                T = state.temperature[a]
+                knot, fraction = tables.locate(m, T)
+                c = ti.cast(capacity(m, knot, fraction), ti.f64)
+                s = tables.liquid_fraction(m, T)
+                if s > 0.0 and s < 1.0:
+                    c = band[m]
+                rate /= c
+            return rate
+
+        @ti.func
+        def thermal_state(a):
+            result = state.enthalpy[a]
+            if ti.static(apparent):
+                result = ti.cast(state.temperature[a], ti.f64)
+            return result
+
+        @ti.func
+        def settle(a, thermal):
+            m = state.material[a]
+            if ti.static(apparent):
+                T = ti.cast(thermal, disc.real)
+                knot, fraction = tables.locate(m, T)
+                state.enthalpy[a] = enthalpy_of(m, knot, fraction)
+                set_properties(a, T)
+            else:
+                state.enthalpy[a] = thermal
+                set_properties(a, ti.cast(tables.temperature_of(m, thermal), disc.real))
+
+        @ti.func
+        def free(a):
+            return (state.kind[a] & HELD) == 0 and state.mass[a] > 0.0
+
+        @ti.kernel
+        def predict(total: ti.i32, dt: ti.f64):
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                if free(a):
+                    rate = rate_of(a)
+                    before = thermal_state(a)
+                    state.enthalpy_before[a] = before
+                    state.heating_before[a] = rate
+                    settle(a, before + dt * rate)
+
+        @ti.kernel
+        def correct(total: ti.i32, half: ti.f64):
+            change[None] = 0.0
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                if free(a):
+                    T = state.temperature[a]
+                    settle(a, state.enthalpy_before[a] + half * (state.heating_before[a] + rate_of(a)))
+                    ti.atomic_max(change[None], ti.cast(abs(state.temperature[a] - T) / T, ti.f64))
+
+        return predict, correct
+
+    def _compile_phases(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger,
+                        warm_from: float, rest: float) -> Any:  # fmt: skip
+        set_phase = phase_setter(state)
+        flow, viscous, d = state.needs.flow, state.needs.viscous_heating, disc.dimension
+        report, momentum, ordered = self.report, ledger.momentum, disc.ordered
+        frozen = MOMENTUM.index("frozen")
+
+        @ti.kernel
+        def phases(total: ti.i32, dt: ti.f64):
+            for i in range(6):
+                report[i] = 0.0
+            ti.loop_config(serialize=ordered)
+            for k in range(total):
+                a = rows.rows[k]
+                T = ti.cast(state.temperature[a], ti.f64)
+                if ti.static(viscous):
+                    state.viscous_work[a] = 0.0
+                if T > ti.atomic_max(report[HOTTEST], T):
+                    report[HOTTEST_ID] = a
+                if rows.core[k] == 0 and abs(T - rest) > warm_from:
+                    report[LEFT_RIM] = 1.0
+                if ti.static(flow):
+                    u = state.velocity[a]
+                    change = set_phase(a)
+                    if change == 1:
+                        report[MELTED] = 1.0
+                    elif change == -1:
+                        report[FROZE] = 1.0
+                        for axis in ti.static(range(d)):
+                            ti.atomic_add(momentum[frozen][axis], ti.cast(state.mass[a] * u[axis], ti.f64))
+                    if state.mobility[a] == MOBILE:
+                        ti.atomic_add(report[MOVING], 1.0)
+
+        return phases

@@ -1,0 +1,76 @@
+"""The stable step: the minimum of what each term asks for, on the host, without Taichi.
+
+Each limit is a term's own ``stable_dt``; this page only finds the extreme properties that a scene can have.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichi_slm.config.material import Material
+from taichi_slm.config.schema import Config
+from taichi_slm.materials.tables import PropertyTables, tabulate
+from taichi_slm.physics import conduction, equation_of_state, surface_tension, viscosity
+
+
+class StepLimits:
+    """Stable steps of every term that a scene has, as functions of how hot and how fast it is.
+
+    Properties are taken at their worst between the coldest state the term can see (the solidus for a liquid's
+    properties) and the hottest temperature so far.
+    """
+
+    def __init__(self, config: Config, tables: PropertyTables):
+        numerics, physics = config.numerics, config.physics
+        self._numerics, self._physics = numerics, physics
+        self.h = numerics.smoothing * config.spacing
+        self.h_surface = numerics.surface_smoothing * config.spacing
+        liquid = tables.temperature >= tables.segment_start[:, 1:2]  # from the solidus on
+        alpha = viscosity.artificial_viscosity(
+            numerics.artificial_viscosity, self.h, numerics.sound_speed, config.dimension
+        )
+        nu = np.where(liquid, tables.viscosity / tables.density, 0.0) + alpha
+        tension = np.where(liquid, tables.surface_tension / tables.density, 0.0)
+        diffusivity = tables.conductivity / (tables.density * tables.heat_capacity)
+        self._temperature = tables.temperature
+        self._nu = np.maximum.accumulate(nu, axis=1)
+        self._tension = np.maximum.accumulate(tension, axis=1)
+        self._diffusivity = np.maximum.accumulate(diffusivity, axis=1)
+        self._first_liquid = np.argmax(liquid, axis=1)
+
+    def _worst(self, running_maximum: np.ndarray, hottest: float, from_liquid: bool) -> float:
+        worst = 0.0
+        for row, T, first in zip(running_maximum, self._temperature, self._first_liquid, strict=True):
+            knot = min(int(np.searchsorted(T, hottest)), len(T) - 1)
+            worst = max(worst, float(row[max(knot, first) if from_liquid else knot]))
+        return worst
+
+    def flow(self, hottest: float, fastest: float = 0.0) -> dict[str, float]:
+        """Limits [s] of the flow passes at ``hottest`` [K] and ``fastest`` [m/s]: sound, viscosity, capillary."""
+        numerics = self._numerics
+        limits = {
+            "sound": equation_of_state.stable_dt(self.h, numerics.sound_speed + fastest, numerics.courant)
+        }
+        nu = self._worst(self._nu, hottest, True)
+        if nu > 0:
+            limits["viscosity"] = viscosity.stable_dt(self.h, nu, 1.0, numerics.viscous_factor)
+        tension = self._worst(self._tension, hottest, True)
+        if self._physics.surface_tension and tension > 0:
+            limits["capillary"] = surface_tension.stable_dt(
+                self.h_surface, 1.0, tension, numerics.capillary_factor
+            )
+        return limits
+
+    def heat(self, hottest: float) -> float:
+        """Limit [s] of the heat passes at ``hottest`` [K]."""
+        diffusivity = self._worst(self._diffusivity, hottest, False)
+        return conduction.stable_dt(self.h, 1.0, max(diffusivity, 1e-300), self._numerics.heat_factor)
+
+
+def limits(config: Config, materials: Sequence[Material], hottest: float = 3500.0) -> dict[str, float]:
+    """The stable step of every term [s] by name (sound, viscosity, capillary, heat) up to ``hottest`` [K]."""
+    stable = StepLimits(config, tabulate(materials, config.numerics.solid_density))
+    found = stable.flow(hottest) if config.physics.flow else {}
+    if config.physics.heat:
+        found["heat"] = stable.heat(hottest)
+    return found

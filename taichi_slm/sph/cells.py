@@ -1,0 +1,109 @@
+"""The cell grid: every particle in a box, so that a search looks at a few boxes instead of at all particles.
+
+Cells hold at most ``capacity`` particles, in the order of their ids: sums over neighbours are then the same bits
+in every run. A fuller cell is an error that the host reads, never a truncation.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+from taichi_slm.state import MOBILE, REMOVED, State
+
+CELL_MOBILE, CELL_WARM = 1, 2  # bits of `mark`
+
+
+class Cells:
+    """A grid of cells of edge ``size`` [m] over the domain [lower, upper] [m]."""
+
+    def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, serial: bool):
+        d = state.dimension
+        self.size = size
+        self.shape = tuple(int(math.ceil((u - o) / size)) + 1 for o, u in zip(lower, upper, strict=True))
+        self.capacity = int(3.0 * (size / dx) ** d) + 8
+        self.count = ti.field(ti.i32, shape=self.shape)
+        self.items = ti.field(ti.i32, shape=(*self.shape, self.capacity))
+        self.mark = ti.field(ti.i32, shape=self.shape)
+        self.overflow = ti.field(ti.i32, shape=())  # id of a particle that found no room, or -1
+        self.invalid = ti.field(ti.i32, shape=())  # id of a particle without a finite place, or -1
+
+        origin = ti.Vector([float(x) for x in lower])
+        inverse = 1.0 / size
+        top = ti.Vector([n - 1 for n in self.shape])
+        count, items, mark, overflow, invalid = self.count, self.items, self.mark, self.overflow, self.invalid
+        capacity = self.capacity
+
+        @ti.func
+        def cell_of(x):
+            return ti.max(0, ti.min(top, ti.cast((x - origin) * inverse, ti.i32)))
+
+        @ti.func
+        def exists(c):
+            inside = 1
+            for axis in ti.static(range(d)):
+                if c[axis] < 0 or c[axis] > top[axis]:
+                    inside = 0
+            return inside
+
+        @ti.kernel
+        def clear():
+            for c in ti.grouped(count):
+                count[c] = 0
+                mark[c] = 0
+            overflow[None] = -1
+            invalid[None] = -1
+
+        @ti.kernel
+        def fill(warm_from: ti.f64, rest: ti.f64):
+            ti.loop_config(serialize=serial)
+            for i in range(state.count):
+                if state.mobility[i] != REMOVED:
+                    x = state.position[i]
+                    finite = 1
+                    for axis in ti.static(range(d)):
+                        if ti.math.isnan(x[axis]) or ti.math.isinf(x[axis]):
+                            finite = 0
+                    if finite == 0:
+                        invalid[None] = i
+                    else:
+                        c = cell_of(x)
+                        slot = ti.atomic_add(count[c], 1)
+                        if slot < capacity:
+                            items[c, slot] = i
+                        else:
+                            overflow[None] = i
+                        bits = 0
+                        if state.mobility[i] == MOBILE:
+                            bits = CELL_MOBILE
+                        if abs(state.temperature[i] - rest) > warm_from:
+                            bits += CELL_WARM
+                        if bits != 0:
+                            ti.atomic_or(mark[c], bits)
+
+        @ti.kernel
+        def sort():
+            for c in ti.grouped(count):
+                n = ti.min(count[c], capacity)
+                for j in range(1, n):
+                    value = items[c, j]
+                    place = j
+                    while place > 0 and items[c, place - 1] > value:
+                        items[c, place] = items[c, place - 1]
+                        place -= 1
+                    items[c, place] = value
+
+        self.cell_of: Any = cell_of
+        self.exists: Any = exists
+        self._clear, self._fill, self._sort, self._serial = clear, fill, sort, serial
+
+    def build(self, warm_from: float, rest: float) -> None:
+        """Put every particle that is not removed into its cell and mark the mobile and the warm cells.
+
+        A cell is warm where a temperature differs from ``rest`` [K] by more than ``warm_from`` [K].
+        """
+        self._clear()
+        self._fill(warm_from, rest)
+        if not self._serial:  # a serial fill is in order already
+            self._sort()

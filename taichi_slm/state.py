@@ -1,0 +1,108 @@
+"""The particle fields: the one place where they are allocated."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+
+STILL, MOBILE, REMOVED = 0, 1, -1  # values of `mobility`
+WALL, HELD = 1, 2  # bits of `kind`
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Which groups of fields a scene needs; what it does not need is not allocated."""
+
+    flow: bool
+    heat: bool
+    surface: bool  # colour gradient, normals
+    tension: bool  # curvature and surface forces
+    viscous_heating: bool
+    printed_leapfrog: bool
+
+
+class State:
+    """Particles, shape [n] each, SI units. Every field says who writes it.
+
+    ``real`` is the precision of the particle fields (f64 or f32); enthalpies and accounts are f64 always, so
+    that small increments are not lost.
+    """
+
+    def __init__(self, count: int, dimension: int, needs: Needs, real: Any):
+        self.count = count
+        self.dimension = dimension
+        self.needs = needs
+        self.real = real
+        self.names: list[str] = []
+
+        def scalar(name: str, kind: Any = None) -> Any:
+            self.names.append(name)
+            return ti.field(kind or real, shape=count)
+
+        def vector(name: str) -> Any:
+            self.names.append(name)
+            return ti.Vector.field(dimension, real, shape=count)
+
+        # constant after the start, but for removal, which sets mass and volume to zero
+        self.mass = scalar("mass")  # [kg], 2-D [kg/m]; removal
+        self.material = scalar("material", ti.i32)  # index
+        self.kind = scalar("kind", ti.i32)  # bits WALL, HELD
+        # mechanics
+        self.position = vector("position")  # [m]; move
+        self.velocity = vector("velocity")  # [m/s]; kick
+        self.density = scalar("density")  # [kg/m^3]; move, phase change
+        self.volume = scalar("volume")  # [m^d] mass/density; move, phase change
+        self.mobility = scalar("mobility", ti.i32)  # STILL, MOBILE, REMOVED; phase change, removal
+        # material at the present temperature
+        self.temperature = scalar("temperature")  # [K]; phase change, program
+        self.liquid_fraction = scalar("liquid_fraction")  # [-]; phase change
+        self.ever_liquid = scalar("ever_liquid", ti.i32)  # 1 once s >= 1/2; phase change
+        self.reference_density = scalar("reference_density")  # rho0(T) [kg/m^3]; phase change
+        if needs.heat:
+            self.enthalpy = scalar("enthalpy", ti.f64)  # [J/kg]; heat
+            self.enthalpy_initial = scalar("enthalpy_initial", ti.f64)  # [J/kg]; start
+            self.enthalpy_before = scalar("enthalpy_before", ti.f64)  # [J/kg], at the start of a heat step; heat
+            self.heating = scalar("heating", ti.f64)  # [W]; heat rates
+            self.heating_before = scalar("heating_before", ti.f64)  # [W], first stage; heat
+            self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
+            self.kirchhoff = scalar("kirchhoff")  # integral of k dT [W/m]; phase change
+            self.radiated = scalar("radiated")  # [W]; heat rates
+            self.evaporated = scalar("evaporated")  # [W]; heat rates
+            self.laser = scalar("laser", ti.f64)  # absorbed [W]; laser
+        if needs.viscous_heating:
+            self.viscous_work = scalar("viscous_work", ti.f64)  # [J] since the last heat step; momentum
+        if needs.flow:
+            self.pressure = scalar("pressure")  # [Pa]; equation of state, wall pressure
+            self.viscosity = scalar("viscosity")  # [Pa s]; phase change
+            self.acceleration = vector("acceleration")  # [m/s^2]; momentum
+            self.density_rate = scalar("density_rate")  # [kg/(m^3 s)]; continuity
+            self.reference_position = vector("reference_position")  # [m] when the lists were built; neighbours
+            self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
+            self.wall_force = vector("wall_force")  # [N] from walls on a mobile particle; momentum
+        if needs.printed_leapfrog:
+            self.acceleration_before = vector("acceleration_before")  # [m/s^2]; kick
+        if needs.surface:
+            self.colour_gradient = vector("colour_gradient")  # [1/m], inward; colour gradient
+            self.colour_strength = scalar("colour_strength")  # |grad c| [1/m]; colour gradient
+            self.normal = vector("normal")  # unit, inward, or zero where cut; colour gradient
+        if needs.tension:
+            self.surface_tension = scalar("surface_tension")  # [N/m]; phase change
+            self.surface_tension_slope = scalar("surface_tension_slope")  # [N/(m K)]; phase change
+            self.curvature = scalar("curvature")  # [1/m], negative on a drop; surface forces
+            self.surface_force = vector("surface_force")  # [N/m^d]; surface forces
+
+    def load(self, **arrays: np.ndarray) -> None:
+        """Copy numpy arrays of shape [n] or [n, d] into the fields of those names."""
+        for name, values in arrays.items():
+            target = getattr(self, name)
+            target.from_numpy(np.ascontiguousarray(values, dtype=_NUMPY[str(target.dtype)]))
+
+    def array(self, name: str) -> np.ndarray:
+        """The field ``name`` as numpy, shape [n] or [n, d]."""
+        values: np.ndarray = getattr(self, name).to_numpy()
+        return values
+
+
+_NUMPY = {"f64": np.float64, "f32": np.float32, "i32": np.int32, "i64": np.int64}
