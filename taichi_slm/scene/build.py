@@ -198,8 +198,8 @@ class _Builder:
         if empty.any():
             k = int(np.argmax(empty))
             raise ConfigError(
-                f"a grain of radius {grains.radius[k]:g} m at {_place(grains.centre[k])} has no particle of its "
-                f"own at spacing {self.dx:g} m; take a finer spacing, or grains that lie outside other bodies"
+                f"a grain of radius {grains.radius[k]:g} m at {_place(grains.centre[k])} has no particle of "
+                f"its own at spacing {self.dx:g} m; take a finer spacing, or grains outside other bodies"
             )
         material = np.array([self._material(name) for name in names], dtype=np.int32)[grain]
         tracer = np.array(tracers, dtype=np.int32)[grain]
