@@ -1,0 +1,169 @@
+"""The commands. No logic: each hands over to the package and prints what comes back."""
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from taichi_slm.errors import InterruptedRunError, SlmError
+
+
+class Commands(TyperGroup):
+    """The group of commands; Ctrl-C in any of them is this program's own error."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise InterruptedRunError("stopped by Ctrl-C") from None
+
+
+app = typer.Typer(
+    name="taichi-slm",
+    cls=Commands,
+    help="Laser melting of metal powder with smoothed particle hydrodynamics on Taichi.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class Arch(str, Enum):
+    """Where kernels run."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+    vulkan = "vulkan"
+    metal = "metal"
+
+
+class Precision(str, Enum):
+    """Of the particle fields; accounts are always f64."""
+
+    f64 = "f64"
+    f32 = "f32"
+
+
+Override = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one key, as in laser.power=200. Repeatable."),
+]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from taichi_slm import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Laser melting of metal powder with smoothed particle hydrodynamics on Taichi."""
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="The scene, a YAML file.")],
+    override: Override = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; by default runs/NAME-TIME.")] = None,
+    arch: Annotated[Arch, typer.Option(help="Where kernels run.")] = Arch.cpu,
+    precision: Annotated[Precision, typer.Option(help="Of the particle fields.")] = Precision.f64,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads; all by default.")] = None,
+) -> None:
+    """Simulate a scene into a new run folder."""
+    from taichi_slm.config.load import load_config
+
+    loaded = load_config(config, override or ())
+    for warning in loaded.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    from taichi_slm.run.driver import execute
+
+    execute(loaded, out=out, arch=arch.value, precision=precision.value, threads=threads)
+
+
+@app.command()
+def validate(
+    config: Annotated[list[Path], typer.Argument(help="One or more scenes.")],
+    override: Override = None,
+) -> None:
+    """Check scenes and say what they would take: particles, memory, steps, output. Under a second."""
+    from taichi_slm.run.estimate import validate_all
+
+    for line in validate_all(config, override or ()):
+        print(line)
+
+
+@app.command()
+def render(run: Annotated[Path, typer.Argument(help="A run folder.")]) -> None:
+    """Draw the snapshots of a run as pictures, into its folder renders/."""
+    from taichi_slm.render.views import render_run
+
+    for picture in render_run(run):
+        print(picture)
+
+
+@app.command()
+def schema(
+    write: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there instead.")] = None,
+) -> None:
+    """Show the JSON schema of a config, for editors."""
+    from taichi_slm.config.load import schema_json
+
+    if write is None:
+        print(schema_json(), end="")
+    else:
+        from taichi_slm.output.atomic import write_text
+
+        write_text(write, schema_json())
+
+
+@app.command()
+def doctor() -> None:
+    """Look at this machine: versions, backends, launch cost, pictures, folders."""
+    from taichi_slm.run.doctor import examine
+
+    findings = examine()
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False, box=None)
+    for finding in findings:
+        table.add_row("[green]ok[/]" if finding.good else "[red]!![/]", finding.subject, finding.value)
+    Console().print(table)
+
+
+@app.command()
+def materials(
+    name: Annotated[str | None, typer.Argument(help="Show this one with its sources.")] = None,
+) -> None:
+    """List the alloys that ship, or show one."""
+    from taichi_slm.materials.sheet import sheet
+
+    for line in sheet(name):
+        print(line)
+
+
+def main() -> None:
+    """Entry point: an error becomes a sentence on stderr and an exit code."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.exit(InterruptedRunError.exit_code)
+    except SlmError as error:
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)
+    except Exception as error:
+        from taichi_slm.run.crash_report import report
+
+        print(report(error), file=sys.stderr)
+        sys.exit(SlmError.exit_code)
