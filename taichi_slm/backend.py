@@ -4,7 +4,9 @@ Modules that define kernels write ``from taichi_slm.backend import ti`` and use 
 that importing them (for a stable time step, a docstring, a test of the imports) costs nothing.
 """
 
+import contextlib
 import importlib.util
+import io
 import os
 import sys
 from types import ModuleType
@@ -44,4 +46,5 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     }
     if threads is not None:
         options["cpu_max_num_threads"] = threads
-    ti.init(**options)
+    with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints a greeting, which is nobody's output
+        ti.init(**options)

@@ -231,6 +231,9 @@ class Numerics(Frozen):
     viscous_factor: PositiveNumber = Field(0.08, description="dt <= factor h^2/nu (42); 0.125 is printed and unstable")
     capillary_factor: PositiveNumber = Field(0.25, description="dt <= factor sqrt(rho h_s^3/(2 pi sigma)) (43)")
     heat_factor: PositiveNumber = Field(0.2, description="dt_heat <= factor rho c h^2/k (44); 0.125 is printed")
+    temperature_step: PositiveNumber = Field(
+        100.0, description="largest rise by the laser in one heat step [K]; bounds the heat step while the beam is on"
+    )
     maximum_step: PositiveTime | None = None
     step_growth: Annotated[PositiveNumber, Field(ge=1)] = Field(1.1, description="largest ratio of successive steps")
     delta: NonNegativeNumber = Field(0.1, description="delta-SPH density diffusion (13)")

@@ -31,6 +31,17 @@ UNIT = 2.0**40  # integer weight of a bin that is exactly full
 REACH = 3.8  # a Gaussian with f = 2 has 3e-13 of its power outside this many w
 
 
+def stable_dt(laser: Laser, absorptivity: float, dx: float, rho_c: float, rise: float) -> float:
+    """Step [s] in which the brightest particle, left alone, warms by ``rise`` [K]; ``rho_c`` in J/(m^3 K).
+
+    It absorbs the peak intensity over the absorption depth, or over its own size where that is larger.
+    """
+    peak = laser.exponent if laser.profile == "gaussian" else 1.0
+    intensity = absorptivity * peak * laser.power / (math.pi * laser.beam_radius**2)
+    size = laser.bin_size or dx
+    return rise * rho_c * max(laser.absorption_depth or size / 3.0, size) / max(intensity, 1e-300)
+
+
 def line_power(laser: Laser, dimension: int) -> float:
     """Power that reaches the scene per unit of laser power: 1 in 3-D, the integral of I(x, 0) [1/m] in 2-D."""
     if dimension == 3:

@@ -67,25 +67,33 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
     return set_properties
 
 
-def phase_setter(state: State) -> Any:
-    """The Taichi function (particle) -> change: 1 melted, -1 froze, 0 neither; it lets go or halts the particle."""
+def phase_setter(state: State) -> tuple[Any, Any]:
+    """The Taichi functions (particle) -> 1 if it was halted because it froze; and -> 1 if it was let go.
+
+    Freezing acts at once. A melted particle is let go when the lists are next built, for it must have one; the host
+    has them built before its liquid fraction exceeds `RELEASE_BY`.
+    """
 
     @ti.func
-    def set_phase(a):
-        change = 0
-        if state.mobility[a] != REMOVED and (state.kind[a] & WALL) == 0:
-            liquid = state.liquid_fraction[a] > 0.0
-            if liquid and state.mobility[a] == STILL:
-                state.mobility[a] = MOBILE
-                change = 1
-            elif not liquid and state.mobility[a] == MOBILE:
+    def halt(a):
+        frozen = 0
+        if state.mobility[a] != REMOVED and state.liquid_fraction[a] <= 0.0:
+            if state.mobility[a] == MOBILE:
+                frozen = 1
                 state.mobility[a] = STILL
                 state.velocity[a] = state.velocity[a] * 0.0
                 state.density_rate[a] = 0.0
-                change = -1
-            if not liquid:
-                state.density[a] = state.reference_density[a]
-                state.volume[a] = state.mass[a] / state.density[a]
-        return change
+            state.density[a] = state.reference_density[a]
+            state.volume[a] = state.mass[a] / state.density[a]
+        return frozen
 
-    return set_phase
+    @ti.func
+    def waits(a):
+        """Whether the particle has melted and not been let go."""
+        melted = state.mobility[a] == STILL and state.liquid_fraction[a] > 0.0
+        return melted and (state.kind[a] & WALL) == 0
+
+    return halt, waits
+
+
+RELEASE_BY = 0.05  # liquid fraction; a mush of 95 % solid, ten times as viscous as the melt, hardly moves

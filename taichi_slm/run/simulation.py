@@ -13,7 +13,7 @@ from taichi_slm.errors import BlowUpError
 from taichi_slm.materials.tables import enthalpy_at, tabulate
 from taichi_slm.physics.laser import LaserBins, line_power
 from taichi_slm.physics.material import MaterialTables
-from taichi_slm.physics.phase_change import needed_tables, property_setter
+from taichi_slm.physics.phase_change import RELEASE_BY, needed_tables, property_setter
 from taichi_slm.physics.viscosity import artificial_viscosity
 from taichi_slm.run.accounts import Accounts
 from taichi_slm.scene.beam import BeamPath
@@ -24,7 +24,7 @@ from taichi_slm.solver.activity import WARM_FROM, Activity
 from taichi_slm.solver.discretisation import discretise
 from taichi_slm.solver.ejection import Ejection
 from taichi_slm.solver.flow import FlowPasses
-from taichi_slm.solver.heat import FROZE, HOTTEST, HOTTEST_ID, LEFT_RIM, MELTED, MOVING, HeatPasses
+from taichi_slm.solver.heat import HOTTEST, HOTTEST_ID, LEFT_RIM, MOVING, WAITING, HeatPasses
 from taichi_slm.solver.ledger import Ledger
 from taichi_slm.solver.step import FlowStep
 from taichi_slm.solver.surface import SurfacePasses
@@ -118,6 +118,7 @@ class Simulation:
             self.heat = HeatPasses(state, rows, disc, self.ledger, tables, self.host_tables.emissivity,
                                    self.host_tables.band_heat_capacity, evaporations, alpha, WARM_FROM,
                                    rest)  # fmt: skip
+            self.activity.heat = self.heat
         self._set_everywhere, self._set_body = self._compile_setters(alpha)
 
     def _rest_temperature(self) -> tuple[float, bool]:
@@ -282,13 +283,13 @@ class Simulation:
         return span, max(1, math.ceil(span / flow_dt * (1.0 - 1e-9)))
 
     def _beam_step(self) -> float:
-        """The beam moves by half a bin at most in a heat step, and a waiting one is not slept through [s]."""
+        """Heat step that the beam allows [s]: half a bin of its way, a bounded rise, and not past its next event."""
         assert self.beam is not None and self.bins is not None
         event = self.beam.next_event(self.time) - self.time
-        speed = self._beam_speed()
-        return min(
-            0.5 * self.bins.size / speed if speed > 0 else math.inf, max(event, 1e-2 * self.limits.h / 1.0)
-        )
+        speed, bounded = self._beam_speed(), self.limits.laser()
+        on = self.beam.on_during(self.time, self.time + bounded)
+        allowed = min(0.5 * self.bins.size / speed if speed > 0 else math.inf, bounded if on else math.inf)
+        return min(allowed, max(event, 1e-2 * bounded))
 
     def _beam_speed(self) -> float:
         assert self.beam is not None
@@ -323,7 +324,7 @@ class Simulation:
         report = self.heat.step(span, lit)
         self.hottest, self.hottest_id = float(report[HOTTEST]), int(report[HOTTEST_ID])
         self.moving = int(report[MOVING])
-        if report[MELTED] or report[FROZE] or report[LEFT_RIM]:
+        if report[WAITING] > RELEASE_BY or report[LEFT_RIM]:
             self.activity.stale = True
         top = self.host_tables.segment_start[:, 3].max()
         if not self.hottest < top:
@@ -372,6 +373,7 @@ class Simulation:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that a restart needs; the lists are built anew on both sides, so both go on with the same bits."""
+        self.rows.forget()
         self.activity.stale = True
         saved = {f"state.{name}": self.state.array(name) for name in self.state.names}
         saved |= {f"ledger.{name}": getattr(self.ledger, name).to_numpy()
@@ -403,6 +405,7 @@ class Simulation:
             self.flow_step.flow.fastest[None] = fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
+        self.rows.forget()
         self.activity.stale = True
 
 

@@ -15,6 +15,7 @@ from taichi_slm.errors import BlowUpError
 from taichi_slm.physics.laser import LaserBins, beam_reach
 from taichi_slm.solver.ejection import Ejection
 from taichi_slm.solver.flow import FlowPasses
+from taichi_slm.solver.heat import HeatPasses
 from taichi_slm.solver.surface import SurfacePasses
 from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
@@ -33,6 +34,7 @@ class Activity:
         self.flow: FlowPasses | None = None
         self.surface: SurfacePasses | None = None
         self.ejection: Ejection | None = None
+        self.heat: HeatPasses | None = None
         self.rest = rest
         self.builds = 0
         self.stale = True
@@ -49,6 +51,8 @@ class Activity:
     def neighbours(self) -> None:
         """Build the lists anew if they are stale or somebody moved half a skin."""
         moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
+        if not self._keep:
+            self.rows.forget()
         if self.stale or moved or not self._keep:
             self.build()
 
@@ -65,6 +69,8 @@ class Activity:
 
     def build(self) -> None:
         """Cells, rows, lists, ejection, and the surface's rows. Raises BlowUpError on a lost particle or a full list."""
+        if self.heat is not None and self.flow is not None:
+            self.heat.release()
         self.cells.build(WARM_FROM, self.rest)
         self._check(self.cells.invalid, "a particle has no finite place", "position")
         self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")

@@ -30,7 +30,7 @@ class Ejection:
         found = self.count
 
         @ti.func
-        def leaves(k, a):
+        def leaves(a):
             x = state.position[a]
             out = 0
             for axis in ti.static(range(d)):
@@ -38,8 +38,8 @@ class Ejection:
                     out = 1
             if ti.static(minimum > 0):
                 near = 0
-                for j in range(rows.near_count[k]):
-                    if (x - state.position[rows.near[k, j]]).norm_sqr() < support2:
+                for j in range(rows.near_count[a]):
+                    if (x - state.position[rows.near[a, j]]).norm_sqr() < support2:
                         near += 1
                 if near < minimum:
                     out = 1
@@ -51,7 +51,7 @@ class Ejection:
             ti.loop_config(serialize=ordered)
             for k in range(mobile):
                 a = rows.rows[k]
-                if state.mobility[a] == MOBILE and leaves(k, a):
+                if state.mobility[a] == MOBILE and leaves(a):
                     mass = ti.cast(state.mass[a], ti.f64)
                     ti.atomic_add(found[None], 1)
                     ti.atomic_add(ledger.removed[None], 1)

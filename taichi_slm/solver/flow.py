@@ -39,7 +39,7 @@ class FlowPasses:
 
     def walls(self) -> None:
         """Extrapolate the liquid's pressure to the still particles beside it."""
-        self._walls(self._rows.mobile, self._rows.flow)
+        self._walls(self._rows.flow)
 
     def momentum(self, dt: float) -> None:
         """Write accelerations; ``dt`` [s] is the time over which viscous heat is collected."""
@@ -79,32 +79,33 @@ class FlowPasses:
         clamps = ledger.clamps
 
         @ti.kernel
-        def walls(mobile: ti.i32, flow: ti.i32):
+        def walls(flow: ti.i32):
             ti.loop_config(serialize=serial)
-            for k in range(mobile, flow):
+            for k in range(flow):
                 a = rows.rows[k]
-                x = state.position[a]
-                total = x[0] * 0.0
-                weight = x[0] * 0.0
-                gamma = state.volume[a] * at_zero
-                for j in range(rows.near_count[k]):
-                    b = rows.near[k, j]
+                if state.mobility[a] != MOBILE:
+                    x = state.position[a]
+                    total = x[0] * 0.0
+                    weight = x[0] * 0.0
+                    gamma = state.volume[a] * at_zero
+                    for j in range(rows.near_count[a]):
+                        b = rows.near[a, j]
+                        if ti.static(uses_shepard):
+                            gamma += state.volume[b] * W((x - state.position[b]).norm_sqr())
+                        if state.mobility[b] == MOBILE:
+                            r = x - state.position[b]
+                            w = W(r.norm_sqr())
+                            total += w * extrapolated(state.pressure[b], state.density[b], r)
+                            weight += w
+                    p = total * 0.0
+                    if weight > 0.0:
+                        p = total / weight
+                        if p < 0.0:  # a wall does not pull
+                            p = 0.0
+                            ti.atomic_add(clamps[WALL_SUCTION], 1)
+                    state.pressure[a] = p
                     if ti.static(uses_shepard):
-                        gamma += state.volume[b] * W((x - state.position[b]).norm_sqr())
-                    if state.mobility[b] == MOBILE:
-                        r = x - state.position[b]
-                        w = W(r.norm_sqr())
-                        total += w * extrapolated(state.pressure[b], state.density[b], r)
-                        weight += w
-                p = total * 0.0
-                if weight > 0.0:
-                    p = total / weight
-                    if p < 0.0:  # a wall does not pull
-                        p = 0.0
-                        ti.atomic_add(clamps[WALL_SUCTION], 1)
-                state.pressure[a] = p
-                if ti.static(uses_shepard):
-                    state.shepard[a] = gamma
+                        state.shepard[a] = gamma
 
         return walls
 
@@ -133,8 +134,8 @@ class FlowPasses:
                     force = u * 0.0
                     from_walls = u * 0.0
                     dissipated = u[0] * 0.0
-                    for j in range(rows.near_count[k]):
-                        b = rows.near[k, j]
+                    for j in range(rows.near_count[a]):
+                        b = rows.near[a, j]
                         r = x - state.position[b]
                         r2 = r.norm_sqr()
                         slope = state.volume[b] * F(r2)
@@ -235,8 +236,8 @@ class FlowPasses:
                     divergence = x[0] * 0.0
                     diffused = x[0] * 0.0
                     gamma = state.volume[a] * at_zero
-                    for j in range(rows.near_count[k]):
-                        b = rows.near[k, j]
+                    for j in range(rows.near_count[a]):
+                        b = rows.near[a, j]
                         r = x - state.position[b]
                         r2 = r.norm_sqr()
                         V = state.volume[b]

@@ -4,7 +4,8 @@
     account  energy accounts of a stage
     predict  state at the end of the step with the present rates
     correct  mean of both rates (second order)
-    phases   who melted, who froze, how hot it is
+    phases   who froze, who waits to be let go, how hot it is
+    release  let go who has melted
 """
 
 from typing import Any
@@ -23,7 +24,7 @@ from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import HELD, MOBILE, State
 
 # what `phases` reports
-MELTED, FROZE, LEFT_RIM, MOVING, HOTTEST, HOTTEST_ID = range(6)
+WAITING, LEFT_RIM, MOVING, HOTTEST, HOTTEST_ID = range(5)
 
 
 class HeatPasses:
@@ -36,7 +37,7 @@ class HeatPasses:
         self._scheme = disc.numerics.heat_scheme
         self._tolerance = disc.numerics.fixed_point_tolerance
         self._sweeps = disc.numerics.fixed_point_sweeps
-        self.report = ti.field(ti.f64, shape=6)
+        self.report = ti.field(ti.f64, shape=5)
         self.change = ti.field(ti.f64, shape=())  # largest relative change of a fixed-point sweep
         self.sweeps = 0  # of the last step
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
@@ -44,7 +45,7 @@ class HeatPasses:
         self._predict, self._correct = self._compile_scheme(
             state, rows, disc, tables, band_heat_capacity, alpha_viscosity
         )
-        self._phases = self._compile_phases(state, rows, disc, ledger, warm_from, rest)
+        self._phases, self._release = self._compile_phases(state, rows, disc, ledger, warm_from, rest)
 
     def step(self, dt: float, lit: bool) -> np.ndarray:
         """One heat step of ``dt`` [s] with the laser powers frozen; returns the report of `phases`."""
@@ -66,6 +67,10 @@ class HeatPasses:
         self._phases(total, dt)
         report: np.ndarray = self.report.to_numpy()
         return report
+
+    def release(self) -> None:
+        """Let go who has melted; the lists must be built next."""
+        self._release(self._rows.total)
 
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
@@ -91,8 +96,8 @@ class HeatPasses:
                 m_a = state.material[a]
                 V_a = state.volume[a]
                 conducted = x[0] * 0.0
-                for j in range(rows.near_count[k]):
-                    b = rows.near[k, j]
+                for j in range(rows.near_count[a]):
+                    b = rows.near[a, j]
                     same = ti.cast(state.material[b] == m_a, ti.i32)
                     slope = state.volume[b] * F((x - state.position[b]).norm_sqr())
                     conducted += slope * flux(
@@ -222,15 +227,15 @@ class HeatPasses:
         return predict, correct
 
     def _compile_phases(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger,
-                        warm_from: float, rest: float) -> Any:  # fmt: skip
-        set_phase = phase_setter(state)
+                        warm_from: float, rest: float) -> tuple[Any, Any]:  # fmt: skip
+        halt, waits = phase_setter(state)
         flow, viscous, d = state.needs.flow, state.needs.viscous_heating, disc.dimension
         report, momentum, ordered = self.report, ledger.momentum, disc.ordered
         frozen = MOMENTUM.index("frozen")
 
         @ti.kernel
         def phases(total: ti.i32, dt: ti.f64):
-            for i in range(6):
+            for i in range(5):
                 report[i] = 0.0
             ti.loop_config(serialize=ordered)
             for k in range(total):
@@ -244,14 +249,20 @@ class HeatPasses:
                     report[LEFT_RIM] = 1.0
                 if ti.static(flow):
                     u = state.velocity[a]
-                    change = set_phase(a)
-                    if change == 1:
-                        report[MELTED] = 1.0
-                    elif change == -1:
-                        report[FROZE] = 1.0
+                    if halt(a):
                         for axis in ti.static(range(d)):
                             ti.atomic_add(momentum[frozen][axis], ti.cast(state.mass[a] * u[axis], ti.f64))
-                    if state.mobility[a] == MOBILE:
+                    if waits(a):
+                        ti.atomic_max(report[WAITING], ti.cast(state.liquid_fraction[a], ti.f64))
+                    if state.mobility[a] == MOBILE or waits(a):
                         ti.atomic_add(report[MOVING], 1.0)
 
-        return phases
+        @ti.kernel
+        def release(total: ti.i32):
+            ti.loop_config(serialize=ordered)
+            for k in range(total):
+                a = rows.rows[k]
+                if waits(a):
+                    state.mobility[a] = MOBILE
+
+        return phases, release

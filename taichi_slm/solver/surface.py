@@ -104,10 +104,10 @@ class SurfacePasses:
                 k = near_surface[i]
                 a = rows.rows[k]
                 total = state.position[a] * 0.0
-                for j in range(rows.near_count[k]):
-                    total += pair(a, rows.near[k, j])
-                for j in range(rows.far_count[k]):
-                    total += pair(a, rows.far[k, j])
+                for j in range(rows.near_count[a]):
+                    total += pair(a, rows.near[a, j])
+                for j in range(rows.far_count[a]):
+                    total += pair(a, rows.far[a, j])
                 store(a, total)
 
         @ti.kernel
@@ -177,15 +177,15 @@ class SurfacePasses:
                     gamma = weight
                     plain = force
                     moment = force.outer_product(force)
-                    for j in range(rows.near_count[k]):
-                        v, w, p, m, g = pair(a, rows.near[k, j], normal, T)
+                    for j in range(rows.near_count[a]):
+                        v, w, p, m, g = pair(a, rows.near[a, j], normal, T)
                         divergence += v
                         weight += w
                         plain += p
                         moment += m
                         gamma += g
-                    for j in range(rows.far_count[k]):
-                        v, w, p, m, g = pair(a, rows.far[k, j], normal, T)
+                    for j in range(rows.far_count[a]):
+                        v, w, p, m, g = pair(a, rows.far[a, j], normal, T)
                         divergence += v
                         weight += w
                         plain += p

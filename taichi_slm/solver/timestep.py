@@ -10,7 +10,7 @@ import numpy as np
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import PropertyTables, tabulate
-from taichi_slm.physics import conduction, equation_of_state, surface_tension, viscosity
+from taichi_slm.physics import conduction, equation_of_state, laser, surface_tension, viscosity
 
 
 class StepLimits:
@@ -37,6 +37,16 @@ class StepLimits:
         self._tension = np.maximum.accumulate(tension, axis=1)
         self._diffusivity = np.maximum.accumulate(diffusivity, axis=1)
         self._first_liquid = np.argmax(liquid, axis=1)
+        self._laser = np.inf
+        if config.laser is not None:
+            absorptivity = config.laser.absorptivity
+            self._laser = laser.stable_dt(
+                config.laser,
+                float(tables.absorptivity[0]) if absorptivity is None else absorptivity,
+                config.spacing,
+                float(np.min(tables.density * tables.heat_capacity)),
+                numerics.temperature_step,
+            )
 
     def _worst(self, running_maximum: np.ndarray, hottest: float, from_liquid: bool) -> float:
         worst = 0.0
@@ -66,11 +76,17 @@ class StepLimits:
         diffusivity = self._worst(self._diffusivity, hottest, False)
         return conduction.stable_dt(self.h, 1.0, max(diffusivity, 1e-300), self._numerics.heat_factor)
 
+    def laser(self) -> float:
+        """Limit [s] of the heat passes while the beam is on."""
+        return float(self._laser)
+
 
 def limits(config: Config, materials: Sequence[Material], hottest: float = 3500.0) -> dict[str, float]:
-    """The stable step of every term [s] by name (sound, viscosity, capillary, heat) up to ``hottest`` [K]."""
+    """The stable step of every term [s] by name (sound, viscosity, capillary, heat, laser) up to ``hottest`` [K]."""
     stable = StepLimits(config, tabulate(materials, config.numerics.solid_density))
     found = stable.flow(hottest) if config.physics.flow else {}
     if config.physics.heat:
         found["heat"] = stable.heat(hottest)
+        if config.laser is not None and config.laser.power > 0:
+            found["laser"] = stable.laser()
     return found

@@ -98,6 +98,10 @@ class Cells:
         self.exists: Any = exists
         self._clear, self._fill, self._sort, self._serial = clear, fill, sort, serial
 
+    def reach(self, radius: float) -> int:
+        """Cells to look at on each side for everything within ``radius`` [m]."""
+        return int(math.ceil(radius / self.size - 1e-9))
+
     def build(self, warm_from: float, rest: float) -> None:
         """Put every particle that is not removed into its cell and mark the mobile and the warm cells.
 

@@ -1,25 +1,30 @@
 """Verlet lists over the particles that have work to do.
 
-The rows of the lists are the active particles, in three groups, each in the order of ids:
+The rows are the active particles, in three groups:
 
     [0, mobile)      particles that move: flow, surface and heat
     [mobile, flow)   still particles beside them: walls, and carriers of the surface's colour
-    [flow, rows)     particles that only exchange heat
+    [flow, total)    particles that only exchange heat
 
-Every row has a list of the particles within the `near` radius (flow and heat); rows below `flow` have a second
-one for the shell between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until
-a particle has moved by half of it.
+A row has a list of the particles within the `near` radius (flow and heat); rows below `flow` have a second one for
+the shell between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a
+particle has moved by half of it. A list among still particles is good for ever, so it is searched once.
 """
 
 from typing import Any
 
 from taichi_slm.backend import ti
 from taichi_slm.sph.cells import CELL_MOBILE, CELL_WARM, Cells
-from taichi_slm.state import MOBILE, REMOVED, State
+from taichi_slm.state import MOBILE, State
+
+RING = 1  # cells between the warm and the rim of the hot set
 
 
 class Neighbours:
-    """Rows and lists; ``mobile``, ``flow`` and ``total`` are the host's copies of the group ends."""
+    """Rows and lists; ``mobile``, ``flow`` and ``total`` are the host's copies of the group ends.
+
+    Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``.
+    """
 
     def __init__(self, state: State, cells: Cells, near: float, far: float | None, dx: float, serial: bool):
         d = state.dimension
@@ -28,6 +33,7 @@ class Neighbours:
         self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
         self.rows = ti.field(ti.i32, shape=state.count)
         self.core = ti.field(ti.i32, shape=state.count)  # 1: amid the warm, 0: at the rim of the hot set
+        self.listed = ti.field(ti.i32, shape=state.count)  # 1: nobody nearby moves, the near list is good for ever
         self.near_count = ti.field(ti.i32, shape=state.count)
         self.near = ti.field(ti.i32, shape=(state.count, self.near_capacity))
         if far:
@@ -36,31 +42,38 @@ class Neighbours:
         self.ends = ti.field(ti.i32, shape=3)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.total = 0
-        self._kernels = self._compile(state, cells, near, far, serial)
+        self._zone = ti.field(ti.i32, shape=cells.shape)  # bits: within reach of a mobile cell, of a warm cell ...
+        self._dilate, self._collect = self._compile_rows(state, cells, far or near, serial)
+        self._search = self._compile_search(state, cells, near, far)
 
-    def _compile(self, state: State, cells: Cells, near: float, far: float | None, serial: bool) -> tuple[Any, Any]:
+    def _compile_rows(self, state: State, cells: Cells, radius: float, serial: bool) -> tuple[Any, Any]:
         d = state.dimension
-        radius = far or near
-        reach = int(-(-radius // cells.size))
-        reach = reach if reach * cells.size >= radius else reach + 1
-        near2, far2, wide_lists = near**2, radius**2, far is not None
-        rows, core, ends, overflow = self.rows, self.core, self.ends, self.overflow
-        window = (2 * reach + 1,) * d
-        Beam = ti.types.vector(d, ti.f64)
-        chosen = ti.field(ti.i32, shape=state.count)
+        reach = cells.reach(radius)
+        far2 = radius**2
+        rows, core, ends, zone = self.rows, self.core, self.ends, self._zone
+        near_mobile, near_warm, beside_warm = 1, 2, 4
+        Corner = ti.types.vector(d, ti.f64)
+
+        @ti.kernel
+        def dilate():
+            for c in ti.grouped(zone):
+                bits = 0
+                if cells.count[c] > 0:
+                    for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
+                        e = c + offset
+                        if cells.exists(e):
+                            mark = cells.mark[e]
+                            if mark & CELL_MOBILE:
+                                bits |= near_mobile
+                            if mark & CELL_WARM:
+                                bits |= near_warm
+                                if abs(offset).max() <= RING:
+                                    bits |= beside_warm
+                zone[c] = bits
 
         @ti.func
-        def marked(c, bit, ring):
+        def touches_mobile(a, c):
             found = 0
-            for offset in ti.grouped(ti.ndrange(*((-ring, ring + 1),) * d)):
-                if found == 0 and cells.exists(c + offset) and (cells.mark[c + offset] & bit) != 0:
-                    found = 1
-            return found
-
-        @ti.func
-        def touches_mobile(a):
-            found = 0
-            c = cells.cell_of(state.position[a])
             for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
                 e = c + offset
                 if found == 0 and cells.exists(e) and (cells.mark[e] & CELL_MOBILE) != 0:
@@ -71,46 +84,103 @@ class Neighbours:
                                 found = 1
             return found
 
+        @ti.func
+        def lit(a, low, high):
+            x = ti.cast(state.position[a], ti.f64)
+            inside = 1
+            for axis in ti.static(range(d)):
+                if x[axis] < low[axis] or x[axis] > high[axis]:
+                    inside = 0
+            return inside
+
+        @ti.func
+        def append(group, a, amid):
+            k = ti.atomic_add(ends[group], 1)
+            rows[k] = a
+            core[k] = amid
+
         @ti.kernel
-        def collect(all_flow: ti.i32, all_hot: ti.i32, beam_low: Beam, beam_high: Beam):
+        def collect(all_flow: ti.i32, all_hot: ti.i32, low: Corner, high: Corner):
             ends[0] = 0
-            ends[1] = 0
-            ends[2] = 0
             ti.loop_config(serialize=serial)
-            for a in range(state.count):
-                if state.mobility[a] == MOBILE:
-                    k = ti.atomic_add(ends[0], 1)
-                    rows[k] = a
-                    core[k] = 1
+            for c in ti.grouped(zone):
+                if (cells.mark[c] & CELL_MOBILE) != 0:
+                    for slot in range(cells.count[c]):
+                        a = cells.items[c, slot]
+                        if state.mobility[a] == MOBILE:
+                            append(0, a, 1)
             ends[1] = ends[0]
             ti.loop_config(serialize=serial)
-            for a in range(state.count):
-                if state.mobility[a] != MOBILE and state.mobility[a] != REMOVED and all_flow >= 0:
-                    c = cells.cell_of(state.position[a])
-                    member = all_flow
-                    if member == 0 and marked(c, CELL_MOBILE, reach):
-                        member = touches_mobile(a)
-                    if member != 0:
-                        k = ti.atomic_add(ends[1], 1)
-                        rows[k] = a
-                        core[k] = ti.max(all_hot, marked(c, CELL_WARM, 1))
-                        chosen[a] = 1
+            for c in ti.grouped(zone):
+                if all_flow == 1 or (all_flow == 0 and (zone[c] & near_mobile) != 0):
+                    for slot in range(cells.count[c]):
+                        a = cells.items[c, slot]
+                        chosen[a] = 0
+                        if state.mobility[a] != MOBILE:
+                            if all_flow == 1 or touches_mobile(a, c):
+                                chosen[a] = 1
+                                append(1, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
             ends[2] = ends[1]
             ti.loop_config(serialize=serial)
-            for a in range(state.count):
-                taken = chosen[a]
-                chosen[a] = 0
-                if state.mobility[a] != MOBILE and state.mobility[a] != REMOVED and taken == 0 and all_hot >= 0:
-                    x = state.position[a]
-                    c = cells.cell_of(x)
-                    lit = 1
-                    for axis in ti.static(range(d)):
-                        if x[axis] < beam_low[axis] or x[axis] > beam_high[axis]:
-                            lit = 0
-                    if all_hot == 1 or lit == 1 or marked(c, CELL_WARM, reach):
-                        k = ti.atomic_add(ends[2], 1)
-                        rows[k] = a
-                        core[k] = ti.max(all_hot, marked(c, CELL_WARM, 1))
+            for c in ti.grouped(zone):
+                if all_hot >= 0:
+                    warm = all_hot == 1 or (zone[c] & near_warm) != 0
+                    for slot in range(cells.count[c]):
+                        a = cells.items[c, slot]
+                        if state.mobility[a] != MOBILE and (warm or lit(a, low, high)):
+                            if all_flow < 0 or (all_flow == 0 and (zone[c] & near_mobile) == 0) or chosen[a] == 0:
+                                append(2, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
+
+        chosen = ti.field(ti.i32, shape=state.count)
+        return dilate, collect
+
+    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> Any:
+        d, needs_flow, wide_lists = state.dimension, state.needs.flow, far is not None
+        reach = cells.reach(far or near)
+        near_reach = cells.reach(near)
+        near2, far2 = near**2, (far or near) ** 2
+        rows, ends, listed, zone, overflow = self.rows, self.ends, self.listed, self._zone, self.overflow
+        near_capacity, far_capacity = self.near_capacity, self.far_capacity
+
+        @ti.func
+        def search_near(a, x, c):
+            n = 0
+            for offset in ti.grouped(ti.ndrange(*((-near_reach, near_reach + 1),) * d)):
+                e = c + offset
+                if cells.exists(e):
+                    for slot in range(cells.count[e]):
+                        b = cells.items[e, slot]
+                        if (x - state.position[b]).norm_sqr() < near2 and b != a:
+                            if n < near_capacity:
+                                self.near[a, n] = b
+                            n += 1
+            if n > near_capacity:
+                overflow[None] = a
+            self.near_count[a] = ti.min(n, near_capacity)
+
+        @ti.func
+        def search_both(a, x, c):
+            n = 0
+            m = 0
+            for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
+                e = c + offset
+                if cells.exists(e):
+                    for slot in range(cells.count[e]):
+                        b = cells.items[e, slot]
+                        r2 = (x - state.position[b]).norm_sqr()
+                        if r2 < near2:
+                            if b != a:
+                                if n < near_capacity:
+                                    self.near[a, n] = b
+                                n += 1
+                        elif r2 < far2:
+                            if m < far_capacity:
+                                self.far[a, m] = b
+                            m += 1
+            if n > near_capacity or m > far_capacity:
+                overflow[None] = a
+            self.near_count[a] = ti.min(n, near_capacity)
+            self.far_count[a] = ti.min(m, far_capacity)
 
         @ti.kernel
         def search():
@@ -119,35 +189,20 @@ class Neighbours:
                 a = rows[k]
                 x = state.position[a]
                 c = cells.cell_of(x)
-                wide = k < ends[1]
-                n = 0
-                m = 0
-                for offset in ti.grouped(ti.ndrange(*window)):
-                    e = c + offset - reach
-                    if cells.exists(e):
-                        for slot in range(ti.min(cells.count[e], cells.capacity)):
-                            b = cells.items[e, slot]
-                            r2 = (x - state.position[b]).norm_sqr()
-                            if r2 < near2:
-                                if b != a:
-                                    if n < self.near_capacity:
-                                        self.near[k, n] = b
-                                    n += 1
-                            elif ti.static(wide_lists):
-                                if wide and r2 < far2:
-                                    if m < self.far_capacity:
-                                        self.far[k, m] = b
-                                    m += 1
-                if n > self.near_capacity or m > self.far_capacity:
-                    overflow[None] = a
-                self.near_count[k] = ti.min(n, self.near_capacity)
-                if ti.static(wide_lists):
-                    self.far_count[k] = ti.min(m, self.far_capacity)
-                if ti.static(state.needs.flow):
+                if ti.static(needs_flow):
                     if state.mobility[a] == MOBILE:
                         state.reference_position[a] = x
+                settled = (zone[c] & 1) == 0
+                done = 0
+                if ti.static(wide_lists):
+                    if k < ends[1]:
+                        search_both(a, x, c)
+                        done = 1
+                if done == 0 and (listed[a] == 0 or not settled):
+                    search_near(a, x, c)
+                listed[a] = ti.cast(settled, ti.i32)
 
-        return collect, search
+        return search
 
     def build(self, all_flow: int, all_hot: int, beam: tuple[Any, Any]) -> None:
         """Choose the rows and search their lists.
@@ -155,7 +210,11 @@ class Neighbours:
         ``all_flow``, ``all_hot``: 1 takes every particle, 0 only those with work, -1 none.
         ``beam``: lowest and highest corner [m] of the box in which particles are lit.
         """
-        collect, search = self._kernels
-        collect(all_flow, all_hot, *beam)
+        self._dilate()
+        self._collect(all_flow, all_hot, *beam)
         self.mobile, self.flow, self.total = (int(n) for n in self.ends.to_numpy())
-        search()
+        self._search()
+
+    def forget(self) -> None:
+        """Search every list anew at the next build."""
+        self.listed.fill(0)
