@@ -18,7 +18,7 @@ LOSSES = ("radiated_J", "conducted_out_J", "evaporated_J", "removed_J")
 def summarise(recorder: Recorder, status: str) -> dict[str, Any]:
     """The content of summary.json; maxima are taken over the rows of the history."""
     sim = recorder.sim
-    row = sim.diagnostics()
+    row: dict[str, Any] = sim.diagnostics()
     try:
         history = read_history(recorder.folder.history)
     except StorageError:  # stopped before its first row

@@ -1,0 +1,130 @@
+"""Which colour a particle gets, and the key that explains it; the colour-blind can tell them apart."""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from taichi_slm.output.snapshots import Snapshot
+
+UNMELTED = np.array([0xB9, 0xC3, 0xCC])  # solid, never melted: light grey-blue
+RESOLIDIFIED = np.array([0x4F, 0x81, 0xB0])  # solid again: blue
+MUSHY = np.array(
+    [[0xFF, 0xE4, 0x9A], [0xF6, 0xA0, 0x3C]]
+)  # from hardly to almost liquid: pale yellow to orange
+LIQUID = np.array([0xC8, 0x32, 0x12])  # vermilion
+GREY = np.array([0xC9, 0xCC, 0xCF])
+GROUPS = np.array(  # Okabe and Ito, after the grey of group 0
+    [
+        [0xD5, 0x5E, 0x00],
+        [0x00, 0x72, 0xB2],
+        [0x00, 0x9E, 0x73],
+        [0xCC, 0x79, 0xA7],
+        [0xE6, 0x9F, 0x00],
+        [0x56, 0xB4, 0xE9],
+        [0xF0, 0xE4, 0x42],
+    ]
+)
+DARKEST = 0.04  # start of a colour map: pure black would swallow the outlines
+ALMOST = 1e-3  # liquid fractions this close to 0 or 1 are solid or liquid
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What the colours of one run mean, the same from its first picture to its last."""
+
+    temperature: tuple[float, float]  # [K]
+    speed: float  # largest [m/s]
+    materials: tuple[str, ...]
+    tracers: int  # largest group
+    melting: float | None  # [K]
+
+
+@dataclass(frozen=True)
+class Key:
+    """The legend: an optional bar of colours with ticks along it, and swatches."""
+
+    title: str
+    bar: np.ndarray | None = None  # shape [n, 3]
+    ticks: list[tuple[float, str]] = field(default_factory=list)  # (0 to 1 along the bar, label)
+    swatches: list[tuple[np.ndarray, str]] = field(default_factory=list)
+    lines: list[tuple[float, str]] = field(default_factory=list)  # (thickness [px], label)
+
+
+def paint(kind: str, snapshot: Snapshot, scales: Scales) -> np.ndarray:
+    """Colours of the particles for a picture of ``kind``: uint8, shape [n, 3]."""
+    arrays = snapshot.arrays
+    if kind == "temperature":
+        low, high = scales.temperature
+        return _look_up("inferno", (arrays["temperature"] - low) / (high - low))
+    if kind == "state":
+        return _state(arrays["liquid_fraction"], arrays["ever_liquid"].astype(bool))
+    if kind == "velocity":
+        speed = np.linalg.norm(arrays["velocity"], axis=1)
+        colours = _look_up("viridis", speed / scales.speed)
+        colours[arrays["liquid_fraction"] <= ALMOST] = GREY
+        return colours
+    if kind in ("tracer", "material"):
+        return _groups(arrays[kind])
+    raise ValueError(f"no picture is called '{kind}'")
+
+
+def key(kind: str, scales: Scales, dimension: int) -> Key:
+    """The legend of a picture of ``kind``."""
+    lines = [] if scales.melting is None else [(3.5, f"melting point, {scales.melting:.0f} K")]
+    if kind == "temperature":
+        low, high = scales.temperature
+        ticks = [((t - low) / (high - low), f"{t:.0f}") for t in _round_ticks(low, high)]
+        return Key("temperature [K]", _table("inferno"), ticks, lines=lines)
+    if kind == "state":
+        mushy = _state(np.linspace(0.01, 0.99, 64), np.ones(64, dtype=bool))
+        swatches = [(LIQUID, "liquid"), (RESOLIDIFIED, "solid again"), (UNMELTED, "never melted")]
+        if lines and dimension == 2:
+            lines.append((1.5, "isotherms"))
+        return Key("liquid fraction", mushy, [(0.0, "0"), (0.5, "0.5"), (1.0, "1")], swatches, lines)
+    if kind == "velocity":
+        ticks = [(v / scales.speed, f"{v:g}") for v in _round_ticks(0.0, scales.speed)]
+        return Key("speed of the melt [m/s]", _table("viridis"), ticks, [(GREY, "solid")], lines)
+    if kind == "tracer":
+        groups = range(1, scales.tracers + 1)
+        named = [(GREY, "others")] + [(_groups(np.array([g]))[0], f"group {g}") for g in groups]
+        return Key("tracer particles", swatches=named[:6], lines=lines)
+    named = [(_groups(np.array([k]))[0], name) for k, name in enumerate(scales.materials)]
+    return Key("material", swatches=named[:6], lines=lines)
+
+
+def _state(fraction: np.ndarray, ever_liquid: np.ndarray) -> np.ndarray:
+    colours = MUSHY[0] + fraction[:, None] * (MUSHY[1] - MUSHY[0])
+    solid = fraction <= ALMOST
+    colours[solid] = np.where(ever_liquid[solid, None], RESOLIDIFIED, UNMELTED)
+    colours[fraction >= 1.0 - ALMOST] = LIQUID
+    return colours.astype(np.uint8)
+
+
+def _groups(number: np.ndarray) -> np.ndarray:
+    cycled = GROUPS[(number - 1) % len(GROUPS)]
+    return np.where(number[:, None] == 0, GREY, cycled).astype(np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _table(name: str) -> np.ndarray:
+    from matplotlib import colormaps
+
+    return (255 * colormaps[name](np.linspace(DARKEST, 1.0, 256))[:, :3]).round().astype(np.uint8)
+
+
+def _look_up(name: str, share: np.ndarray) -> np.ndarray:
+    return _table(name)[(255 * np.clip(share, 0.0, 1.0)).round().astype(int)]
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    """Round numbers between ``low`` and ``high``, and both ends; one too close to an end is left out."""
+    step = round_length((high - low) / 5.0)
+    inner = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    return [low, *(t for t in inner if t - low > 0.6 * step and high - t > 0.6 * step), high]
+
+
+def round_length(wanted: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten that is not above ``wanted``."""
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(m for m in (1, 2, 5) if m * power <= wanted * (1 + 1e-9)))

@@ -1,0 +1,138 @@
+"""The particles of one snapshot as a mesh: in 2-D discs of a particle's area, in 3-D balls of its volume."""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.output.snapshots import Snapshot
+
+DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
+BACKING_SIDE = 1.3  # [dx], of the square behind a particle that has metal all round
+BACKING_SHADE = 0.9
+ALL_ROUND, ALL_ROUND_3D = 6, 16  # neighbours within 1.5 dx, of the 8 and 18 on a lattice
+BALL = """//VTK::Color::Impl
+float reach = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (reach > 1.0) { discard; }
+float shade = 0.62 + 0.38 * sqrt(1.0 - reach);
+ambientColor *= shade;
+diffuseColor *= shade;
+"""  # a disc that faces the camera, shaded like a ball
+ARROW = np.array(  # outline of an arrow of length 1 along x
+    [[0.0, -0.035], [0.66, -0.035], [0.66, -0.14], [1.0, 0.0], [0.66, 0.14], [0.66, 0.035], [0.0, 0.035]]
+)
+
+
+class Particles:
+    """What is drawn of one snapshot; the same for all its pictures but for the colours.
+
+    Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
+    a pattern. A square a little darker lies behind every particle that has metal on all sides, and fills
+    them; at the surface there is none, so that the outline is that of the discs.
+    """
+
+    def __init__(self, snapshot: Snapshot, pixels: float) -> None:
+        """Build the mesh of ``snapshot`` for a picture on which a particle is ``pixels`` wide."""
+        import pyvista as pv
+
+        position, dx = snapshot.arrays["position"], snapshot.spacing
+        self.flat = snapshot.dimension == 2
+        if self.flat:
+            self.backed = _inside(position, dx, ALL_ROUND)
+            corners = next(number for most, number in DISC_EDGES if pixels <= most)
+            angle = 2.0 * np.pi * np.arange(corners) / corners
+            circle = dx / np.sqrt(np.pi) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            square = 0.5 * BACKING_SIDE * dx * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+            self.mesh = polygons(position, circle, 0.0)
+            self.backing = polygons(position[self.backed], square, -0.1 * dx)
+        else:
+            half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
+            hidden = _inside(position[half], dx, ALL_ROUND_3D) & (position[half, 1] > 2.5 * dx)
+            self.shown = half[~hidden]
+            self.radius = dx * (0.75 / np.pi) ** (1 / 3)
+            self.mesh = pv.PolyData(position[self.shown].astype(np.float32))
+
+    def draw(self, plotter: Any, colours: np.ndarray) -> None:
+        """Add the particles in ``colours``, uint8, shape [all particles, 3]."""
+        if self.flat:
+            draw_polygons(plotter, self.backing, (BACKING_SHADE * colours[self.backed]).astype(np.uint8))
+            draw_polygons(plotter, self.mesh, colours)
+            return
+        draw_balls(plotter, self.mesh, self.radius, colours[self.shown])
+
+
+def arrows(snapshot: Snapshot, moving: np.ndarray, cell: float, longest: float, fastest: float) -> Any:
+    """Velocity arrows of a 2-D ``snapshot``: one per square of side ``cell`` [m] with ``moving`` particles.
+
+    ``longest`` [m] stands for ``fastest`` [m/s]. None if nothing moves.
+    """
+    position, velocity = snapshot.arrays["position"], snapshot.arrays["velocity"]
+    speed = np.linalg.norm(velocity, axis=1)
+    picked = np.flatnonzero(moving & (speed > 0.03 * fastest))
+    if len(picked) == 0:
+        return None
+    squares = np.floor(position[picked] / cell).astype(int)
+    off_centre = np.abs(position[picked] / cell - squares - 0.5).max(axis=1)
+    order = np.lexsort((off_centre, squares[:, 1], squares[:, 0]))
+    _, first = np.unique(squares[order], axis=0, return_index=True)
+    chosen = picked[order[first]]
+    along = velocity[chosen] * (np.minimum(1.0, fastest / speed[chosen]) * longest / fastest)[:, None]
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    outline = ARROW[:, 0, None] * along[:, None] + ARROW[:, 1, None] * aside[:, None]
+    return polygons(position[chosen], outline, snapshot.spacing)
+
+
+def polygons(position: np.ndarray, outline: np.ndarray, height: float) -> Any:
+    """One polygon at each ``position`` [m], shape [n, 2], at z = ``height`` [m].
+
+    ``outline`` [m] holds the corners, shape [corners, 2], or [n, corners, 2] where they differ.
+    """
+    import pyvista as pv
+
+    corners = outline.shape[-2]
+    points = np.full((len(position) * corners, 3), height, dtype=np.float32)
+    points[:, :2] = (position[:, None] + outline).reshape(-1, 2)
+    faces = np.full((len(position), corners + 1), corners)
+    faces[:, 1:] = np.arange(len(points)).reshape(len(position), corners)
+    return pv.PolyData(points, faces=faces.ravel())
+
+
+def draw_polygons(plotter: Any, mesh: Any, colours: np.ndarray) -> None:
+    """Add ``mesh`` with one flat colour per cell, uint8, shape [cells, 3]."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+    mesh.GetCellData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(mesh)
+    mapper.SetScalarModeToUseCellData()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().LightingOff()
+    plotter.add_actor(actor, render=False, reset_camera=False)
+
+
+def draw_balls(plotter: Any, mesh: Any, radius: float, colours: np.ndarray) -> None:
+    """Add a shaded ball of ``radius`` [m] at every point of ``mesh``; colours uint8, shape [points, 3]."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkRenderingCore import vtkActor
+    from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
+
+    mesh.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
+    mapper = vtkOpenGLPointGaussianMapper()
+    mapper.SetInputData(mesh)
+    mapper.SetScaleFactor(radius)
+    mapper.SetBoundScale(1.5)  # of what is drawn and mostly thrown away again; 3 costs 2.5 times as much
+    mapper.EmissiveOff()
+    mapper.SetSplatShaderCode(BALL)
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().LightingOff()
+    plotter.add_actor(actor, render=False, reset_camera=False)
+
+
+def _inside(position: np.ndarray, spacing: float, enough: int) -> np.ndarray:
+    """Whether each of ``position`` [m], shape [n, dimension], has ``enough`` neighbours within 1.5 dx."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(position).query_pairs(1.5 * spacing, output_type="ndarray")
+    return np.bincount(pairs.ravel(), minlength=len(position)) >= enough
