@@ -25,7 +25,7 @@ GROUPS = np.array(  # Okabe and Ito, after the grey of group 0
         [0xF0, 0xE4, 0x42],
     ]
 )
-DARKEST = 0.04  # start of a colour map: pure black would swallow the outlines
+DARKEST = 0.06  # start of a colour map: pure black would swallow the outlines
 ALMOST = 1e-3  # liquid fractions this close to 0 or 1 are solid or liquid
 
 

@@ -7,9 +7,13 @@ import numpy as np
 from taichi_slm.output.snapshots import Snapshot
 
 DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
-BACKING_SIDE = 1.3  # [dx], of the square behind a particle that has metal all round
+BACKING_SIDE = 1.5  # [dx], of the square behind a particle that has metal all round
 BACKING_SHADE = 0.9
-ALL_ROUND, ALL_ROUND_3D = 6, 16  # neighbours within 1.5 dx, of the 8 and 18 on a lattice
+REACH = 2.1  # [dx]
+ALL_ROUND = {
+    2: 9,
+    3: 26,
+}  # neighbours within reach, of the 12 and 32 on a lattice; 8 and 22 at a flat surface
 BALL = """//VTK::Color::Impl
 float reach = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
 if (reach > 1.0) { discard; }
@@ -37,7 +41,7 @@ class Particles:
         position, dx = snapshot.arrays["position"], snapshot.spacing
         self.flat = snapshot.dimension == 2
         if self.flat:
-            self.backed = _inside(position, dx, ALL_ROUND)
+            self.backed = _inside(position, dx)
             corners = next(number for most, number in DISC_EDGES if pixels <= most)
             angle = 2.0 * np.pi * np.arange(corners) / corners
             circle = dx / np.sqrt(np.pi) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -46,7 +50,7 @@ class Particles:
             self.backing = polygons(position[self.backed], square, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
-            hidden = _inside(position[half], dx, ALL_ROUND_3D) & (position[half, 1] > 2.5 * dx)
+            hidden = _inside(position[half], dx) & (position[half, 1] > 2.5 * dx)
             self.shown = half[~hidden]
             self.radius = dx * (0.75 / np.pi) ** (1 / 3)
             self.mesh = pv.PolyData(position[self.shown].astype(np.float32))
@@ -130,9 +134,9 @@ def draw_balls(plotter: Any, mesh: Any, radius: float, colours: np.ndarray) -> N
     plotter.add_actor(actor, render=False, reset_camera=False)
 
 
-def _inside(position: np.ndarray, spacing: float, enough: int) -> np.ndarray:
-    """Whether each of ``position`` [m], shape [n, dimension], has ``enough`` neighbours within 1.5 dx."""
+def _inside(position: np.ndarray, spacing: float) -> np.ndarray:
+    """Whether each particle, ``position`` [m] of shape [n, dimension], has metal on all sides."""
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(position).query_pairs(1.5 * spacing, output_type="ndarray")
-    return np.bincount(pairs.ravel(), minlength=len(position)) >= enough
+    pairs = cKDTree(position).query_pairs(REACH * spacing, output_type="ndarray")
+    return np.bincount(pairs.ravel(), minlength=len(position)) >= ALL_ROUND[position.shape[1]]
