@@ -71,7 +71,7 @@ class Clock:
         factor, unit = next(
             ((f, u) for f, u in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")) if end >= 0.1 * f), (1e-9, "ns")
         )
-        return cls(factor, unit, max(0, 3 - len(str(int(end / factor)))) + (end / factor < 10))
+        return cls(factor, unit, max(0, 4 - len(str(int(end / factor)))))
 
     def text(self, time: float) -> str:
         """``time`` [s] as "t = 0.240 ms"."""
