@@ -150,10 +150,10 @@ class Simulation:
     def _start(self) -> None:
         scene, state, tables = self.scene, self.state, self.host_tables
         T, m = scene.temperature, scene.material
-        density = _look_up(tables, "density", m, T)
-        mass = density * scene.volume
         solidus = tables.segment_start[m, 1]
         mobile = (T > solidus) & ~scene.wall & self.config.physics.flow
+        density = _look_up(tables, "density", m, T) + self._hydrostatic_excess(mobile)
+        mass = density * scene.volume
         velocity = np.where(mobile[:, None], self._initial_velocity(density), 0.0)
         state.load(position=scene.position, temperature=T, material=m, mass=mass, density=density,
                    volume=scene.volume, kind=WALL * scene.wall + HELD * scene.held,
@@ -170,6 +170,17 @@ class Simulation:
         self.hottest, self.hottest_id = float(T.max()), int(T.argmax())
         self.moving = int(np.count_nonzero(mobile))
         self.accounts = Accounts(self)
+
+    def _hydrostatic_excess(self, mobile: np.ndarray) -> np.ndarray:
+        """Density [kg/m^3] above the reference one under which liquid at rest carries what lies above it, shape [n]."""
+        excess = np.zeros(self.scene.count)
+        if self.config.gravity != 0.0 and mobile.any():
+            height = self.scene.position[mobile, -1]
+            top = height.max() + 0.5 * self.scene.spacing
+            m, T = self.scene.material[mobile], self.scene.temperature[mobile]
+            weight = _look_up(self.host_tables, "density", m, T) * self.config.gravity  # [N/m^3]
+            excess[mobile] = weight * (top - height) / self.config.numerics.sound_speed**2
+        return excess
 
     def _initial_velocity(self, density: np.ndarray) -> np.ndarray:
         scene = self.scene
@@ -264,11 +275,11 @@ class Simulation:
             self._allowed = flow_dt  # not the step taken, which may be shortened to meet an output
         span = FLOW_ONLY_STEPS * flow_dt if self.heat is None else flow_dt
         if self.heat is not None:
-            heat_dt = self.limits.heat(self.hottest)
-            if self.bins is not None and self.config.laser is not None:
-                heat_dt = min(heat_dt, self._beam_step())
+            heat_dt, name = self.limits.heat(self.hottest), "heat"
+            if self.bins is not None and self._beam_step() < heat_dt:
+                heat_dt, name = self._beam_step(), "laser"
             if heat_dt < flow_dt:
-                flow_dt, limiter = heat_dt, "heat"
+                flow_dt, limiter = heat_dt, name
             span = (
                 min(heat_dt, performance.heat_steps_at_most * flow_dt) if performance.heat_clock else flow_dt
             )

@@ -38,13 +38,15 @@ class StepLimits:
         self._diffusivity = np.maximum.accumulate(diffusivity, axis=1)
         self._first_liquid = np.argmax(liquid, axis=1)
         self._laser = np.inf
+        first = np.where(self._first_liquid > 0, 0, self._first_liquid)  # cold metal, or the coldest liquid
+        rho_c = (tables.density * tables.heat_capacity)[np.arange(len(first)), first]
         if config.laser is not None:
             absorptivity = config.laser.absorptivity
             self._laser = laser.stable_dt(
                 config.laser,
                 float(tables.absorptivity[0]) if absorptivity is None else absorptivity,
                 config.spacing,
-                float(np.min(tables.density * tables.heat_capacity)),
+                float(rho_c.min()),
                 numerics.temperature_step,
             )
 
