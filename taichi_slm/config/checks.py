@@ -26,6 +26,7 @@ from taichi_slm.config.schema import (
 from taichi_slm.errors import ConfigError
 
 PARTICLES_AT_MOST = 50_000_000
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number in a config, SI
 
 # term: what it cannot do without
 NEEDS = {
@@ -43,6 +44,9 @@ Path = tuple[str | int, ...]
 def check(config: Config, tree: Node) -> tuple[list[Problem], list[Problem]]:
     """Errors and warnings of ``config``, which was read from ``tree``."""
     findings = _Findings(tree)
+    _magnitudes(config.model_dump(), (), findings)
+    if findings.errors:
+        return findings.errors, []
     _physics(config, findings)
     for number, body in enumerate(config.bodies):
         _coordinates(config.dimension, body, ("bodies", number), findings)
@@ -80,6 +84,16 @@ class _Findings:
                 break
             node = below
         return node.where
+
+
+def _magnitudes(value: Any, at: Path, findings: _Findings) -> None:
+    """Squares and cubes of every number must stay numbers."""
+    if isinstance(value, float) and value != 0 and not SMALLEST < abs(value) < LARGEST:
+        findings.error(at, f"{value:g} is beyond all measure: a unit may be missing")
+    for key, child in value.items() if isinstance(value, dict) else ():
+        _magnitudes(child, (*at, key), findings)
+    for index, child in enumerate(value) if isinstance(value, list | tuple) else ():
+        _magnitudes(child, (*at, index), findings)
 
 
 def _physics(config: Config, findings: _Findings) -> None:

@@ -106,6 +106,8 @@ def parse(text: str, name: str, problems: list[Problem], line_numbers: bool = Tr
         return _Composer(name, line_numbers, problems).document(reader.parse(text))
     except ruamel.yaml.error.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
+        if "unexpected end of stream" in str(error.problem):
+            mark = error.context_mark or mark
         where = f"{name}:{mark.line + 1}" if line_numbers and mark else name
         raise _refusal(where, _reworded(error, text, mark)) from None
     except (ruamel.yaml.error.YAMLError, ValueError, LookupError, TypeError, AttributeError, AssertionError):
@@ -128,7 +130,11 @@ def _reworded(error: Any, text: str, mark: Any) -> str:
     if problem == "could not find expected ':'":
         return "a key without ':' after it"
     if "unexpected end of stream" in problem:
-        return "a quote is opened and never closed"
+        return "a quote is opened here and never closed"
+    if str(error.context).startswith("while parsing a flow"):
+        bracket = "[" if "sequence" in error.context else "{"
+        opened = f" of line {error.context_mark.line + 1}" if "\n" in text else ""
+        return f"'{bracket}'{opened} is not closed, or a ',' is missing"
     return f"this is not valid YAML: {problem}"
 
 
@@ -175,8 +181,6 @@ class _Composer:
             node = self.sequence(where, events, path)
         else:
             node = self.mapping(where, events, path)
-        if node.size > LARGEST_TREE:
-            raise _refusal(where, f"more than {LARGEST_TREE:,} values once aliases are expanded", path)
         if event.anchor is not None:
             self.anchors[event.anchor] = node
         return node
@@ -196,7 +200,7 @@ class _Composer:
             if type(event).__name__ == "SequenceEndEvent":
                 break
             items.append(self.node(event, events, (*path, len(items)), None))
-            size += items[-1].size
+            size = _grown(size, items[-1], where, path)
         return Node(items, where, size)
 
     def mapping(self, where: str, events: Iterator[Any], path: tuple[str | int, ...]) -> Node:
@@ -208,7 +212,7 @@ class _Composer:
             here = self.where(event)
             key = self.key(event, events, here, path)
             value = self.node(next(events), events, (*path, key or "?"), here)
-            size += value.size
+            size = _grown(size, value, where, path)
             if key is None:
                 continue
             if key in entries:
@@ -233,6 +237,12 @@ class _Composer:
             self.problems.append(Problem(where, path, "half of a surrogate pair is not text"))
             return ""
         return resolve(text) if event.style is None and event.tag is None else text
+
+
+def _grown(size: int, child: Node, where: str, path: tuple[str | int, ...]) -> int:
+    if size + child.size > LARGEST_TREE:
+        raise _refusal(where, f"more than {LARGEST_TREE:,} values once aliases are expanded", path)
+    return size + child.size
 
 
 _WORDS: Mapping[str, Scalar] = {

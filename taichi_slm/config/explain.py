@@ -27,6 +27,7 @@ class Place:
     branch: str | None  # its name, where it is one of several
     about: FieldInfo | None
     kind: Any  # the type that belongs at `path`
+    around: Node  # the value that holds it
 
 
 def explain(error: ValidationError, tree: Node) -> list[Problem]:
@@ -47,6 +48,7 @@ def locate(tree: Node, loc: Iterable[str | int]) -> Place:
     kind: Any = Config
     around: Any = None
     node, exists = tree, True
+    holder = tree
     path: list[str | int] = []
     model: type[BaseModel] | None = None
     branch: str | None = None
@@ -62,9 +64,10 @@ def locate(tree: Node, loc: Iterable[str | int]) -> Place:
         around = kind
         model, about, kind, branch = _descend(kind, key, branch)
         path.append(key)
+        holder = node
         below = node.child(key) if exists else None
         node, exists = (below, True) if below is not None else (node, False)
-    return Place(tuple(path), node, exists, model, branch, about, kind)
+    return Place(tuple(path), node, exists, model, branch, about, kind, holder)
 
 
 def _descend(
@@ -145,12 +148,11 @@ def _problem(item: Any, place: Place) -> Problem:
 
 def _unknown_key(place: Place) -> Problem:
     key = str(place.path[-1])
-    keys = list(place.model.model_fields) if place.model else []
-    if len(place.path) == 1:
-        keys += FILE_KEYS
+    given = place.around.value if isinstance(place.around.value, dict) else {}
+    keys = [*(place.model.model_fields if place.model else ()), *(FILE_KEYS if len(place.path) == 1 else ())]
     if key == "<<":
         return Problem(place.node.where, place.path, "merge keys are not read; write 'extends: other.yaml'")
-    meant = closest(key, keys)
+    meant = closest(key, [each for each in keys if each not in given]) or closest(key, keys)
     if meant is None and key in _homes():
         homes = [home for home in _homes()[key] if home != ".".join(map(str, place.path))]
         meant = homes[0] if homes else None

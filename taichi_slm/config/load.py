@@ -27,6 +27,7 @@ from taichi_slm.config.schema import Config
 from taichi_slm.errors import ConfigError
 
 LONGEST_CHAIN = 20  # files that extend one another
+MOST_LINES = 100  # of errors that are shown
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,10 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> LoadedConfig
 
 
 def _refused(problems: list[Problem]) -> ConfigError:
-    return ConfigError("\n".join(dict.fromkeys(str(p) for p in sorted(problems, key=_reading_order))))
+    lines = list(dict.fromkeys(str(problem) for problem in sorted(problems, key=_reading_order)))
+    if len(lines) > MOST_LINES:
+        lines[MOST_LINES:] = [f"... and {len(lines) - MOST_LINES:,} more errors"]
+    return ConfigError("\n".join(lines))
 
 
 def _reading_order(problem: Problem) -> tuple[str, int]:
@@ -253,10 +257,26 @@ def resolved_yaml(config: Config) -> str:
     writer.default_flow_style = False
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     writer.width = 120
+    writer.Representer = _representer()
     stream = io.StringIO()
     stream.write("# Every key with its value, in SI units.\n")
     writer.dump(data, stream)
     return stream.getvalue()
+
+
+def _representer() -> Any:
+    """ruamel's, but text with line breaks of any kind in double quotes: nowhere else do all of them survive."""
+    from ruamel.yaml.representer import SafeRepresenter
+
+    class Representer(SafeRepresenter):
+        pass
+
+    def text(representer: Any, value: str) -> Any:
+        style = None if value.isprintable() else '"'
+        return representer.represent_scalar("tag:yaml.org,2002:str", value, style=style)
+
+    Representer.add_representer(str, text)
+    return Representer
 
 
 def schema_json() -> str:

@@ -103,12 +103,13 @@ def _by_pint(number: float, given: str, unit: str) -> float:
         ) from None
 
 
+_SCHEMA_BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+
+
 def quantity(unit: str, **bounds: Any) -> Any:
     """An annotated float in SI ``unit`` with pydantic ``bounds`` (gt, ge, lt, le)."""
-    schema: dict[str, Any] = {
-        "anyOf": [{"type": "number"}, {"type": "string"}],
-        "description": f"[{unit or '-'}]",
-    }
+    number = {"type": "number", **{_SCHEMA_BOUNDS[name]: value for name, value in bounds.items()}}
+    schema: dict[str, Any] = {"anyOf": [number, {"type": "string"}], "description": f"[{unit or '-'}]"}
     return Annotated[
         float, BeforeValidator(lambda value: to_si(value, unit)), Field(**bounds), WithJsonSchema(schema)
     ]

@@ -85,8 +85,11 @@ def estimate(loaded: LoadedConfig) -> Estimate:
     from taichi_slm.solver.timestep import limits
 
     config = loaded.config
-    count, counted, scene = _count(config)
-    found = limits(config, _materials(config, scene), _hottest(config))
+    try:
+        count, counted, scene = _count(config)
+        found = limits(config, _materials(config, scene), _hottest(config))
+    except ConfigError as error:
+        raise ConfigError(f"{loaded.path}: {error}") from None
     step, limiter = _step(config, found)
     interval = config.output.history_interval or config.time.end / 400
     steps = math.ceil(config.time.end / interval) * math.ceil(interval / step * (1 - 1e-9))
@@ -118,7 +121,7 @@ def estimate(loaded: LoadedConfig) -> Estimate:
 
 
 def validate_all(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Iterator[str]:
-    """Lines of the estimate of every config; at the end a ConfigError with all that was refused, if any was."""
+    """Lines of the estimate of every config; at the end a ConfigError with all refusals, if there are any."""
     refusals = []
     for path in paths:
         try:

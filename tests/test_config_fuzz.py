@@ -1,0 +1,148 @@
+"""Configs that nobody would write: mutated, random, hostile. A ConfigError each, never anything else."""
+
+import math
+import random
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from taichi_slm.config.load import load_config, resolved_yaml
+from taichi_slm.config.schema import Config
+from taichi_slm.config.units import to_si
+from taichi_slm.errors import ConfigError
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+VALUES = (
+    None,
+    True,
+    -1,
+    0,
+    3,
+    1e-300,
+    1e300,
+    "x",
+    "",
+    "4 kg",
+    "steel_304",
+    "dwell",
+    [],
+    [1, 2],
+    {},
+    {"a": 1},
+    math.pi,
+)
+
+
+def _places(value, path=()):
+    yield path
+    children = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    )
+    for key, child in children:
+        yield from _places(child, (*path, key))
+
+
+def _mutate(data, rng):
+    """Change one thing of a config: delete, rename, repeat, move or retype."""
+    *above, last = rng.choice([path for path in _places(data) if path])
+    parent = data
+    for key in above:
+        parent = parent[key]
+    action = rng.choice(("delete", "rename", "retype", "repeat"))
+    if action == "retype":
+        parent[last] = rng.choice(VALUES)
+    elif action == "delete":
+        del parent[last]
+    elif isinstance(parent, dict):
+        letters = list(last)
+        rng.shuffle(letters)
+        parent["".join(letters) if action == "rename" else last + "s"] = parent.pop(last)
+    else:
+        parent.insert(0, parent[last])
+
+
+def test_mutated_configs_never_give_a_traceback(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenes = [path for path in sorted(CONFIGS.glob("*.yaml")) if "bodies" in originals(path)]
+    rng = random.Random(1)
+    writer = YAML(typ="safe", pure=True)
+    refused = 0
+    for number in range(300):
+        data = originals(scenes[number % len(scenes)])
+        for _ in range(rng.randint(1, 3)):
+            if data:
+                _mutate(data, rng)
+        stream = StringIO()
+        writer.dump(data, stream)
+        Path("scene.yaml").write_text(stream.getvalue(), encoding="utf-8")
+        for line in refusal("scene.yaml"):
+            refused += 1
+            assert line.startswith("scene.yaml"), line
+            assert "pydantic" not in line
+            assert "Value error" not in line
+    assert refused > 200
+
+
+def refusal(path):
+    """The lines that a config is refused with, if it is."""
+    try:
+        load_config(path)
+    except ConfigError as error:
+        return str(error).split("\n")
+    return []
+
+
+def originals(path):
+    """The merged keys of a shipped config, as its author wrote them."""
+    data = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+    if "extends" in data:
+        data = {**originals(path.parent / data.pop("extends")), **data}
+    return data
+
+
+@given(data=st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
+@settings(max_examples=300, deadline=None)
+def test_any_bytes_are_refused_with_a_sentence(data, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(data)
+    with pytest.raises(ConfigError):
+        load_config(path)
+
+
+@given(text=st.text(alphabet="abc:- \n[]{}&*!|>'\"%@`#?,\t0.1e\\xu", max_size=60))
+@settings(max_examples=500, deadline=None)
+def test_any_yaml_like_text_is_refused_with_a_sentence(text, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "like.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError):
+        load_config(path)
+
+
+@given(text=st.text(alphabet="0123456789.eE+-*^/ ()umKsW%°µ", max_size=30))
+@settings(max_examples=300, deadline=None)
+def test_any_quantity_is_a_finite_number_or_refused(text):
+    try:
+        value = to_si(text, "m")
+    except ValueError:
+        return
+    assert math.isfinite(value)
+
+
+@given(title=st.text(max_size=40))
+@settings(max_examples=100, deadline=None)
+@example(title="\x85")
+@example(title="a\r\n b\u2028")
+@example(title="1e-3")
+def test_any_title_round_trips(title, tmp_path_factory):
+    config = Config.model_validate(
+        {"title": title, "dimension": 2, "spacing": 1e-5, "time": {"end": 1e-3},
+         "bodies": [{"shape": "box", "corner": [0, 0], "size": [1e-3, 1e-3]}]}
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("titles") / "scene.yaml"
+    path.write_bytes(resolved_yaml(config).encode("utf-8"))
+    assert load_config(path).config == config
