@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import fake_run
 import numpy as np
@@ -84,6 +85,14 @@ def test_command(tmp_path, monkeypatch, gl):
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("6 pictures")
     assert len(list((folder / "renders").glob("*.png"))) == 6
+    script = Path(__file__).parents[1] / "scripts/make_results.py"
+    written = [sys.executable, str(script), str(folder.parent), "--docs", str(tmp_path / "docs")]
+    done = subprocess.run(written, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    results = (tmp_path / "docs/results.md").read_text()
+    assert "| [comet](#comet) |" in results
+    assert "images/comet_state_000005.png" in results
+    assert (tmp_path / "docs/images/comet_state_000005.png").stat().st_size > 5000
     command[-1] = str(tmp_path / "none")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (2, 4)
