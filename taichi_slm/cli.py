@@ -163,7 +163,8 @@ def main() -> None:
         print(error, file=sys.stderr)
         sys.exit(error.exit_code)
     except Exception as error:
-        from taichi_slm.run.crash_report import report
+        from taichi_slm.run.crash_report import ending
 
-        print(report(error), file=sys.stderr)
-        sys.exit(SlmError.exit_code)
+        sentence, code = ending(error)
+        print(sentence, file=sys.stderr)
+        sys.exit(code)

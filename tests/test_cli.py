@@ -1,5 +1,6 @@
 """The commands as a person meets them: what they print, how they end, what they load."""
 
+import errno
 import json
 import subprocess
 import sys
@@ -232,6 +233,21 @@ def test_a_fault_is_one_sentence_and_a_file(cli, monkeypatch, tmp_path):
     assert "RuntimeError: boom" in err
     assert "please report" in err
     assert "second line" in Path(err.split()[-1]).read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (MemoryError(), "not enough memory: use a larger spacing or a smaller scene\n"),
+        (OSError(errno.ENOSPC, "No space", "runs/x"), "runs/x: the disk is full; free some space\n"),
+    ],
+)
+def test_a_full_machine_is_exit_4(cli, monkeypatch, error, sentence):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(driver, "execute", fail)
+    assert cli("run", "good.yaml") == (4, "", sentence)
 
 
 @pytest.mark.parametrize(

@@ -265,7 +265,7 @@ def resolved_yaml(config: Config) -> str:
 
 
 def _representer() -> Any:
-    """ruamel's, but text with line breaks of any kind in double quotes: nowhere else do all of them survive."""
+    """ruamel's, but with unprintable text in double quotes: only there does every line break survive."""
     from ruamel.yaml.representer import SafeRepresenter
 
     class Representer(SafeRepresenter):

@@ -1,4 +1,4 @@
-"""An error that nobody foresaw: one sentence for the user, the traceback in a file for whoever mends it."""
+"""How a command ends that raised what nobody foresaw: a sentence for the user, the traceback in a file."""
 
 import os
 import platform
@@ -6,8 +6,22 @@ import sys
 import tempfile
 import traceback
 
+from taichi_slm.errors import SlmError, StorageError
 
-def report(error: BaseException) -> str:
+
+def ending(error: Exception) -> tuple[str, int]:
+    """(what to tell the user, exit code) of an error that is not one of the package's own."""
+    if isinstance(error, MemoryError):
+        return "not enough memory: use a larger spacing or a smaller scene", StorageError.exit_code
+    if isinstance(error, OSError):
+        from taichi_slm.output.atomic import REASONS
+
+        if error.errno in REASONS:
+            return f"{error.filename or 'output'}: {REASONS[error.errno]}", StorageError.exit_code
+    return report(error), SlmError.exit_code
+
+
+def report(error: Exception) -> str:
     """Write the traceback of ``error`` to a file in the temp folder; returns what to tell the user."""
     text = "".join(traceback.format_exception(error))
     head = f"{' '.join(sys.argv)}\npython {platform.python_version()}, {platform.platform()}\n\n"

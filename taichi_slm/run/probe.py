@@ -1,7 +1,7 @@
 """Tries one thing on this machine and prints what it found as a line of JSON.
 
-``python -m taichi_slm.run.probe backends``, or ``pictures``. Run by :mod:`taichi_slm.run.doctor` in a process of its
-own, which a bad driver may end.
+``python -m taichi_slm.run.probe backends``, or ``pictures``. :mod:`taichi_slm.run.doctor` runs it in a
+process of its own, which a bad driver may end.
 """
 
 import json
