@@ -28,6 +28,8 @@ from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
 
 UNIT = 2.0**40  # integer weight of a bin that is exactly full
+DARK = 1e-6  # share of a column's light below which a depth counts as dark; what it cuts off counts as passed through
+RESERVE = 2.0  # bins below the lowest lit one that still count, for a surface that sinks between two looks
 REACH = 3.8  # a Gaussian with f = 2 has 3e-13 of its power outside this many w
 
 
@@ -135,7 +137,7 @@ class LaserBins:
             return (ti.cast(state.position[a], ti.f64) - origin) * inverse
 
         @ti.kernel
-        def deposit(total: ti.i32, first: Index, extent: Index):
+        def deposit(total: ti.i32, first: Index, extent: Index, bottom: ti.f64):
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 for level in range(levels):
                     node = self_node(column + first, level)
@@ -144,12 +146,13 @@ class LaserBins:
             floor[None] = 1e30
             for k in range(total):
                 a = rows.rows[k]
-                place = place_of(a)
-                base = ti.cast(ti.floor(place), ti.i32)
-                if in_window(base, first, extent):
-                    for corner in ti.static(corners):
-                        node = base + corner
-                        ti.atomic_add(weight[node], share_of(a, node, place))
+                if state.position[a][d - 1] > bottom:
+                    place = place_of(a)
+                    base = ti.cast(ti.floor(place), ti.i32)
+                    if in_window(base, first, extent):
+                        for corner in ti.static(corners):
+                            node = base + corner
+                            ti.atomic_add(weight[node], share_of(a, node, place))
 
         @ti.func
         def self_node(column, level):
@@ -171,20 +174,21 @@ class LaserBins:
                         below = left * ti.exp(-attenuation * filling)
                         power[node] = arriving * (left - below) / ti.cast(weight[node], ti.f64)
                         left = below
-                        if left > 1e-9:
+                        if left > DARK:
                             ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
 
         @ti.kernel
-        def hand_back(total: ti.i32, first: Index, extent: Index):
+        def hand_back(total: ti.i32, first: Index, extent: Index, bottom: ti.f64):
             for k in range(total):
                 a = rows.rows[k]
-                place = place_of(a)
-                base = ti.cast(ti.floor(place), ti.i32)
                 received = ti.cast(0.0, ti.f64)
-                if in_window(base, first, extent):
-                    for corner in ti.static(corners):
-                        node = base + corner
-                        received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
+                if state.position[a][d - 1] > bottom:
+                    place = place_of(a)
+                    base = ti.cast(ti.floor(place), ti.i32)
+                    if in_window(base, first, extent):
+                        for corner in ti.static(corners):
+                            node = base + corner
+                            received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
                 state.laser[a] = received
 
         self._rows = rows
@@ -212,7 +216,13 @@ class LaserBins:
             o + self.size * (f + np.arange(m + 1) - 0.5) - x
             for o, f, m, x in zip(self.lower, first, self.columns, centre, strict=False)
         ]
-        self._deposit(total, first, self.columns)
+        bottom = -np.inf if self.whole else self.bottom()
+        self._deposit(total, first, self.columns, bottom)
         self._march(first, incident, np.ascontiguousarray(shares(self.laser, edges)))
-        self._hand_back(total, first, self.columns)
+        self._hand_back(total, first, self.columns, bottom)
         return True
+
+    def bottom(self) -> float:
+        """Height below which it was dark, and a reserve for the next step [m]; -inf before the first light."""
+        floor = float(self.floor[None])
+        return floor - RESERVE * self.size if floor < 1e29 else -math.inf

@@ -7,7 +7,7 @@ import numpy as np
 
 CELL = 0.5  # grid spacing [dx]
 REACH = 2.0  # radius of the kernel [dx]
-FILLED = 0.45  # a grid point counts as metal above this share of a full neighbourhood
+FILLED = 0.33  # a grid point counts as metal above this share of a full neighbourhood
 
 
 @dataclass(frozen=True)

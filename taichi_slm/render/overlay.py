@@ -100,7 +100,11 @@ def draw_scale_bar(plotter: Any, length: float, scale: float, right: float, bott
     """Draw a bar of ``length`` [m] that ends at ``right`` [px], with its label above."""
     long = length * scale
     _draw_line(plotter, right - long, right, bottom, bottom + 9)
-    draw_text(plotter, length_label(length), (right - 0.5 * long, bottom + 16), TEXT, "centre")
+    label = length_label(length)
+    if LETTER * TEXT * len(label) > long:
+        draw_text(plotter, label, (right, bottom + 16), TEXT, "right")
+    else:
+        draw_text(plotter, label, (right - 0.5 * long, bottom + 16), TEXT, "centre")
 
 
 def length_label(length: float) -> str:

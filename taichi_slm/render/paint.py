@@ -84,6 +84,8 @@ def key(kind: str, scales: Scales, dimension: int) -> Key:
         return Key("liquid fraction", mushy, [(0.0, "0"), (0.5, "0.5"), (1.0, "1")], swatches, lines)
     if kind == "velocity":
         ticks = [(v / scales.speed, f"{v:g}") for v in _round_ticks(0.0, scales.speed)]
+        if scales.melting is None:
+            return Key("speed [m/s]", _table("viridis"), ticks)
         return Key("speed of the melt [m/s]", _table("viridis"), ticks, [(GREY, "solid")], lines)
     if kind == "tracer":
         groups = range(1, scales.tracers + 1)
@@ -119,9 +121,17 @@ def _look_up(name: str, share: np.ndarray) -> np.ndarray:
 
 def _round_ticks(low: float, high: float) -> list[float]:
     """Round numbers between ``low`` and ``high``, and both ends; one too close to an end is left out."""
-    step = round_length((high - low) / 5.0)
+    step = round_up((high - low) / 5.0)
     inner = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    return [low, *(t for t in inner if t - low > 0.6 * step and high - t > 0.6 * step), high]
+    return [low, *(t for t in inner if t - low > 0.45 * step and high - t > 0.45 * step), high]
+
+
+def round_up(value: float) -> float:
+    """The smallest of 1, 2 or 5 times a power of ten that is not below ``value``; 1 for nothing."""
+    if value <= 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * min(m for m in (1, 2, 5, 10) if m * power >= value * (1 - 1e-9)))
 
 
 def round_length(wanted: float) -> float:

@@ -7,13 +7,12 @@ import numpy as np
 from taichi_slm.output.snapshots import Snapshot
 
 DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
-BACKING_SIDE = 1.5  # [dx], of the square behind a particle that has metal all round
+BACKED_BELOW = 12.0  # wider discs are seen one by one, with their gaps [px]
+BACKING_SIDE = 1.5  # [dx]
 BACKING_SHADE = 0.9
 REACH = 2.1  # [dx]
-ALL_ROUND = {
-    2: 9,
-    3: 26,
-}  # neighbours within reach, of the 12 and 32 on a lattice; 8 and 22 at a flat surface
+# Neighbours within reach of a particle inside; a lattice has 12 in 2-D and 32 in 3-D, 8 and 22 at a flat surface.
+ALL_ROUND = {2: 9, 3: 26}
 BALL = """//VTK::Color::Impl
 float reach = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
 if (reach > 1.0) { discard; }
@@ -30,8 +29,8 @@ class Particles:
     """What is drawn of one snapshot; the same for all its pictures but for the colours.
 
     Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
-    a pattern. A square a little darker lies behind every particle that has metal on all sides, and fills
-    them; at the surface there is none, so that the outline is that of the discs.
+    a pattern. There a square a little darker lies behind every particle that has metal on all sides, and
+    fills them; at the surface there is none, so that the outline is that of the discs.
     """
 
     def __init__(self, snapshot: Snapshot, pixels: float) -> None:
@@ -41,7 +40,7 @@ class Particles:
         position, dx = snapshot.arrays["position"], snapshot.spacing
         self.flat = snapshot.dimension == 2
         if self.flat:
-            self.backed = _inside(position, dx)
+            self.backed = _inside(position, dx)[0] & (pixels < BACKED_BELOW)
             corners = next(number for most, number in DISC_EDGES if pixels <= most)
             angle = 2.0 * np.pi * np.arange(corners) / corners
             circle = dx / np.sqrt(np.pi) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -50,8 +49,9 @@ class Particles:
             self.backing = polygons(position[self.backed], square, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
-            hidden = _inside(position[half], dx) & (position[half, 1] > 2.5 * dx)
-            self.shown = half[~hidden]
+            still = snapshot.arrays["ever_liquid"][half] == 0  # a melt is too loose to hide what is behind
+            inside, next_inside = _inside(position[half], dx)
+            self.shown = half[~(still & inside & next_inside & (position[half, 1] > 2.5 * dx))]
             self.radius = dx * (0.75 / np.pi) ** (1 / 3)
             self.mesh = pv.PolyData(position[self.shown].astype(np.float32))
 
@@ -134,9 +134,16 @@ def draw_balls(plotter: Any, mesh: Any, radius: float, colours: np.ndarray) -> N
     plotter.add_actor(actor, render=False, reset_camera=False)
 
 
-def _inside(position: np.ndarray, spacing: float) -> np.ndarray:
-    """Whether each particle, ``position`` [m] of shape [n, dimension], has metal on all sides."""
+def _inside(position: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each particle, ``position`` [m] of shape [n, dimension], has metal on all sides.
+
+    The second array says whether all of its neighbours have, too.
+    """
     from scipy.spatial import cKDTree
 
+    count = len(position)
     pairs = cKDTree(position).query_pairs(REACH * spacing, output_type="ndarray")
-    return np.bincount(pairs.ravel(), minlength=len(position)) >= ALL_ROUND[position.shape[1]]
+    inside = np.bincount(pairs.ravel(), minlength=count) >= ALL_ROUND[position.shape[1]]
+    open_neighbours = np.bincount(pairs[:, 0], ~inside[pairs[:, 1]], count)
+    open_neighbours += np.bincount(pairs[:, 1], ~inside[pairs[:, 0]], count)
+    return inside, open_neighbours == 0

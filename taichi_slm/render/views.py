@@ -15,7 +15,7 @@ from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot
 from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, frame
 from taichi_slm.render.isotherm import PlaneField, smooth
 from taichi_slm.render.overlay import draw_key, draw_scale_bar, draw_text
-from taichi_slm.render.paint import ALMOST, Scales, key, paint, round_length
+from taichi_slm.render.paint import ALMOST, Scales, key, paint, round_length, round_up
 from taichi_slm.render.particles import Particles, arrows, draw_polygons
 
 THIN_STEP = 500.0  # between the thin isotherms [K]
@@ -237,16 +237,8 @@ def scales(folder: Path, config: Config, snapshots: list[Snapshot]) -> Scales:
     melting = [0.5 * (m["solidus_K"] + m["liquidus_K"]) for m in materials if m["solidus_K"] is not None]
     return Scales(
         temperature=config.output.temperature_range or (low, float(high)),
-        speed=_round_up(fastest),
+        speed=round_up(fastest),
         materials=tuple(m["name"] for m in materials),
         tracers=max(int(s.arrays["tracer"].max()) for s in snapshots),
         melting=melting[0] if melting else None,
     )
-
-
-def _round_up(value: float) -> float:
-    """The smallest of 1, 2 or 5 times a power of ten that is not below ``value``; 1 for nothing."""
-    if value <= 0.0:
-        return 1.0
-    below = round_length(value)
-    return below if below >= value else min(s for s in (2 * below, 2.5 * below) if round_length(s) == s)

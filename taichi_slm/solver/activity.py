@@ -42,7 +42,6 @@ class Activity:
         self._half_skin2 = (0.5 * performance.skin * dx) ** 2
         self._all_flow = (0 if performance.skip_solid else 1) if state.needs.flow else -1
         self._all_hot = (0 if performance.skip_cold and not all_hot else 1) if state.needs.heat else -1
-        self._cell = cells.size
         self._laser = config.laser
         self._lit_centre: tuple[float, ...] | None = None
         self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
@@ -93,9 +92,7 @@ class Activity:
             reach = beam_reach(self._laser) + self._margin + 2.0 * self.bins.size
             low[: d - 1] = np.asarray(self._lit_centre) - reach
             high[: d - 1] = np.asarray(self._lit_centre) + reach
-            low[d - 1], high[d - 1] = -np.inf, np.inf
-            if self.bins.floor[None] < 1e29:
-                low[d - 1] = self.bins.floor[None] - 4.0 * self._cell
+            low[d - 1], high[d - 1] = self.bins.bottom() - self._margin, np.inf
         return self._box(low), self._box(high)
 
     def _check(self, flag: Any, rule: str, what: str) -> None:
