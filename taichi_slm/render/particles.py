@@ -7,11 +7,10 @@ import numpy as np
 from taichi_slm.output.snapshots import Snapshot
 
 DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
-BACKED_BELOW = 12.0  # wider discs are seen one by one, with their gaps [px]
-BACKING_SIDE = 1.5  # [dx]
+BACKING_RADIUS = 0.76  # [dx]
 BACKING_SHADE = 0.9
 REACH = 2.1  # [dx]
-# Neighbours within reach of a particle inside; a lattice has 12 in 2-D and 32 in 3-D, 8 and 22 at a flat surface.
+# Neighbours within reach of a particle inside: a lattice has 12 (2-D) and 32 (3-D), at its surface 8 and 22.
 ALL_ROUND = {2: 9, 3: 26}
 BALL = """//VTK::Color::Impl
 float reach = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
@@ -29,8 +28,8 @@ class Particles:
     """What is drawn of one snapshot; the same for all its pictures but for the colours.
 
     Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
-    a pattern. There a square a little darker lies behind every particle that has metal on all sides, and
-    fills them; at the surface there is none, so that the outline is that of the discs.
+    a pattern. A larger disc, a little darker, lies behind every particle that has metal on all sides, and
+    fills them; at the surface there is none, so that the outline is that of the true discs.
     """
 
     def __init__(self, snapshot: Snapshot, pixels: float) -> None:
@@ -40,13 +39,12 @@ class Particles:
         position, dx = snapshot.arrays["position"], snapshot.spacing
         self.flat = snapshot.dimension == 2
         if self.flat:
-            self.backed = _inside(position, dx)[0] & (pixels < BACKED_BELOW)
+            self.backed = _inside(position, dx)[0]
             corners = next(number for most, number in DISC_EDGES if pixels <= most)
             angle = 2.0 * np.pi * np.arange(corners) / corners
-            circle = dx / np.sqrt(np.pi) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            square = 0.5 * BACKING_SIDE * dx * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-            self.mesh = polygons(position, circle, 0.0)
-            self.backing = polygons(position[self.backed], square, -0.1 * dx)
+            circle = dx * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            self.mesh = polygons(position, circle / np.sqrt(np.pi), 0.0)
+            self.backing = polygons(position[self.backed], BACKING_RADIUS * circle, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
             still = snapshot.arrays["ever_liquid"][half] == 0  # a melt is too loose to hide what is behind
