@@ -28,7 +28,7 @@ from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
 
 UNIT = 2.0**40  # integer weight of a bin that is exactly full
-DARK = 1e-6  # share of a column's light below which a depth counts as dark; what it cuts off counts as passed through
+DARK = 1e-6  # light of a bin over that of the brightest column, below which it is dark; what is cut off passes through
 RESERVE = 2.0  # bins below the lowest lit one that still count, for a surface that sinks between two looks
 REACH = 3.8  # a Gaussian with f = 2 has 3e-13 of its power outside this many w
 
@@ -163,7 +163,7 @@ class LaserBins:
             return node
 
         @ti.kernel
-        def march(first: Index, incident: ti.f64, fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1)):
+        def march(first: Index, incident: ti.f64, faintest: ti.f64, fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1)):
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)
@@ -174,7 +174,7 @@ class LaserBins:
                         below = left * ti.exp(-attenuation * filling)
                         power[node] = arriving * (left - below) / ti.cast(weight[node], ti.f64)
                         left = below
-                        if left > DARK:
+                        if left * fraction[column] > faintest:
                             ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
 
         @ti.kernel
@@ -218,7 +218,8 @@ class LaserBins:
         ]
         bottom = -np.inf if self.whole else self.bottom()
         self._deposit(total, first, self.columns, bottom)
-        self._march(first, incident, np.ascontiguousarray(shares(self.laser, edges)))
+        fraction = np.ascontiguousarray(shares(self.laser, edges))
+        self._march(first, incident, DARK * float(fraction.max(initial=0.0)), fraction)
         self._hand_back(total, first, self.columns, bottom)
         return True
 
