@@ -37,7 +37,7 @@ class Recorder:
         self._began = began
         self.melting = melting_points(sim.scene.materials)
         self.entries: list[tuple[float, str]] = []
-        self._last_row = self._last_snapshot = self._status_at = -1.0
+        self._last_row = self._last_snapshot = self._last_save = self._status_at = -1.0
         self._carried = _costs_before(resumed.meta, sim) if resumed else {}
         self._resumed_at = sim.time
         self.checkpoint_path = resumed.path if resumed else None
@@ -153,9 +153,12 @@ class Recorder:
         return {name: value + self._carried.get(name, 0) for name, value in now.items()}
 
     def write_checkpoint(self) -> None:
-        """Save the state into the slot that is free."""
+        """Save the state into the slot that does not hold the last good one, unless that is of this moment."""
+        if self._last_save == self.sim.time:
+            return
         meta = {"step": self.sim.steps, "time_s": self.sim.time, **self.costs()}
         self.checkpoint_path = self.slots.write(self.sim.checkpoint(), meta)
+        self._last_save = self.sim.time
         self.write_status("running")
 
     def write_status(self, state: str, message: str = "") -> None:
