@@ -153,7 +153,7 @@ class Recorder:
         return {name: value + self._carried.get(name, 0) for name, value in now.items()}
 
     def write_checkpoint(self) -> None:
-        """Save the state into the slot that does not hold the last good one, unless that is of this moment."""
+        """Save the state into the free slot, unless the last checkpoint is of this very moment."""
         if self._last_save == self.sim.time:
             return
         meta = {"step": self.sim.steps, "time_s": self.sim.time, **self.costs()}
