@@ -111,7 +111,6 @@ class FakeSimulation:
         self.time, self.steps = 0.0, 0
         self.compile_time_s = self.solver_time_s = 0.0
         self.particle_steps = 0
-        self.stop_requested = False
         self.ever_liquid = np.zeros(self.scene.count, dtype=np.uint8)
         self._settled = settled(self.scene)
         self._at = 0.0
@@ -124,7 +123,7 @@ class FakeSimulation:
         self.compile_time_s = 0.01
 
     def advance(self, until: float) -> None:
-        while self.time < until and not self.stop_requested:
+        while self.time < until:
             self.time = min(until, self.time + self.step_length)
             self.steps += 1
             self.particle_steps += self.scene.count

@@ -172,7 +172,6 @@ def test_same_bits_from_half_and_resume(tmp_path, console, fake, monkeypatch):
 
     def interrupted(sim, until):
         if sim.time > 0.43e-4:
-            sim.stop_requested = True
             os.kill(os.getpid(), signal.SIGTERM)
         advance(sim, until)
 
