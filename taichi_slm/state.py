@@ -63,7 +63,9 @@ class State:
         if needs.heat:
             self.enthalpy = scalar("enthalpy", ti.f64)  # [J/kg]; heat
             self.enthalpy_initial = scalar("enthalpy_initial", ti.f64)  # [J/kg]; start
-            self.enthalpy_before = scalar("enthalpy_before", ti.f64)  # [J/kg], at the start of a heat step; heat
+            # [J/kg], at the start of a heat step; heat
+            self.enthalpy_before = scalar("enthalpy_before", ti.f64)
+            self.enthalpy_past = scalar("enthalpy_past", ti.f64)  # [J/kg], two stages ago; heat
             self.heating = scalar("heating", ti.f64)  # [W]; heat rates
             self.heating_before = scalar("heating_before", ti.f64)  # [W], first stage; heat
             self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
@@ -78,7 +80,8 @@ class State:
             self.viscosity = scalar("viscosity")  # [Pa s]; phase change
             self.acceleration = vector("acceleration")  # [m/s^2]; momentum
             self.density_rate = scalar("density_rate")  # [kg/(m^3 s)]; continuity
-            self.reference_position = vector("reference_position")  # [m] when the lists were built; neighbours
+            # [m] when the lists were built; neighbours
+            self.reference_position = vector("reference_position")
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force")  # [N] from walls on a mobile particle; momentum
         if needs.printed_leapfrog:

@@ -1,5 +1,6 @@
 """What an alloy file or an inline material may say: one law per property and phase, each with its source."""
 
+from itertools import pairwise
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -30,8 +31,12 @@ class Line(Frozen):
 class Sulphur(Frozen):
     """Surface tension of liquid iron with sulphur, paper eq. (50) in corrected units [N/m]."""
 
-    pure: Number = Field(1.943, description="surface tension of the pure metal at `melting_temperature` [N/m]")
-    slope: Number = Field(4.3e-4, description="A: minus its temperature slope [N/(m K)]; the paper prints 5e-4")
+    pure: Number = Field(
+        1.943, description="surface tension of the pure metal at `melting_temperature` [N/m]"
+    )
+    slope: Number = Field(
+        4.3e-4, description="A: minus its temperature slope [N/(m K)]; the paper prints 5e-4"
+    )
     melting_temperature: Temperature = 1809.0
     sulphur_wt_percent: NonNegativeNumber = 0.0022
 
@@ -56,7 +61,7 @@ class Law(Frozen):
             raise ValueError(f"a law needs exactly one of {', '.join(LAW_FORMS)}; got {len(forms)}")
         if self.table is not None:
             temperatures = [row[0] for row in self.table]
-            if len(temperatures) < 2 or any(b <= a for a, b in zip(temperatures, temperatures[1:], strict=False)):
+            if len(temperatures) < 2 or any(b <= a for a, b in pairwise(temperatures)):
                 raise ValueError("a table needs two or more rows with increasing temperature")
         return self
 
@@ -90,7 +95,9 @@ class MaterialFields(Frozen):
     density: PhaseLaw | None = Field(None, description="[kg/m^3]")
     heat_capacity: PhaseLaw | None = Field(None, description="[J/(kg K)]")
     conductivity: PhaseLaw | None = Field(None, description="[W/(m K)]")
-    viscosity: PhaseLaw | None = Field(None, description="dynamic [Pa s]; the solid's value counts at the solidus only")
+    viscosity: PhaseLaw | None = Field(
+        None, description="dynamic [Pa s]; the solid's value counts at the solidus only"
+    )
     mushy_viscosity_factor: PositiveNumber | None = Field(
         None, description="viscosity at the solidus over that of the liquid; replaces viscosity.solid"
     )
@@ -106,9 +113,9 @@ class MaterialOverride(MaterialFields):
     """A material in a config: its own laws, or those of another one (`extends`) with changes."""
 
     extends: str | None = Field(None, description="name of an alloy that ships, or of another entry")
-    scale: dict[Literal["density", "heat_capacity", "conductivity", "viscosity", "surface_tension"], PositiveNumber] = (
-        Field(default_factory=dict, description="factor per property, applied last")
-    )
+    scale: dict[
+        Literal["density", "heat_capacity", "conductivity", "viscosity", "surface_tension"], PositiveNumber
+    ] = Field(default_factory=dict, description="factor per property, applied last")
 
 
 class Material(MaterialFields):
@@ -149,5 +156,13 @@ class Material(MaterialFields):
 
 
 __all__: list[str] = [
-    "Evaporation", "Frozen", "Law", "Line", "Material", "MaterialFields", "MaterialOverride", "PhaseLaw", "Sulphur",
-]  # fmt: skip
+    "Evaporation",
+    "Frozen",
+    "Law",
+    "Line",
+    "Material",
+    "MaterialFields",
+    "MaterialOverride",
+    "PhaseLaw",
+    "Sulphur",
+]

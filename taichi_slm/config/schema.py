@@ -1,5 +1,6 @@
-"""The config: one frozen, validated model. Every key, its unit and its default stand here and nowhere else."""
+"""The config: one frozen, validated model. Every key, its unit and its default stand here, nowhere else."""
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -46,7 +47,7 @@ class RampProgram(Frozen):
     @field_validator("points")
     @classmethod
     def _increasing(cls, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        if any(b[0] <= a[0] for a, b in zip(points, points[1:], strict=False)):
+        if any(b[0] <= a[0] for a, b in pairwise(points)):
             raise ValueError("the times of a ramp must increase")
         return points
 
@@ -58,7 +59,9 @@ class Body(Frozen):
     """What all bodies share."""
 
     material: str = "steel_304"
-    temperature: Temperature | None = Field(None, description="initial temperature [K]; the ambient one by default")
+    temperature: Temperature | None = Field(
+        None, description="initial temperature [K]; the ambient one by default"
+    )
     velocity: Annotated[list[Speed], Field(min_length=2, max_length=3)] | None = Field(
         None, description="initial velocity [m/s]"
     )
@@ -74,7 +77,9 @@ class Plate(Body):
     length: PositiveLength
     width: PositiveLength | None = Field(None, description="extent in y, centred on y = 0 (3-D) [m]")
     depth: PositiveLength
-    cold_layers: Annotated[int, Field(ge=0)] = Field(3, description="layers of held temperature at the bottom")
+    cold_layers: Annotated[int, Field(ge=0)] = Field(
+        3, description="layers of held temperature at the bottom"
+    )
 
 
 class PowderRow(Body):
@@ -85,8 +90,12 @@ class PowderRow(Body):
     length: PositiveLength
     radius: PositiveLength
     rows: Annotated[int, Field(ge=1)] = Field(1, description="parallel rows in y, centred on y = 0 (3-D)")
-    materials: list[str] | None = Field(None, description="grain materials, cycled along the row; replaces `material`")
-    tracers: list[Annotated[int, Field(ge=0)]] | None = Field(None, description="tracer groups, cycled along the row")
+    materials: list[str] | None = Field(
+        None, description="grain materials, cycled along the row; replaces `material`"
+    )
+    tracers: list[Annotated[int, Field(ge=0)]] | None = Field(
+        None, description="tracer groups, cycled along the row"
+    )
 
 
 class PowderBed(Body):
@@ -96,7 +105,9 @@ class PowderBed(Body):
     start: Length = 0.0
     length: PositiveLength
     width: PositiveLength | None = Field(None, description="extent in y, centred on y = 0 (3-D) [m]")
-    height: PositiveLength = Field(description="levelled height of the layer [m]; grains that reach above it are not laid")
+    height: PositiveLength = Field(
+        description="levelled height of the layer [m]; grains that reach above it are not laid"
+    )
     mean_radius: PositiveLength
     std_radius: NonNegativeLength = 0.0
     min_radius: PositiveLength | None = Field(None, description="default: mean - 2 std")
@@ -112,9 +123,12 @@ class Droplet(Body):
     centre: Vector
     radius: PositiveLength
     arrangement: Literal["lattice", "rings"] = Field("lattice", description="rings: 2-D, concentric circles")
-    stretch: Number = Field(0.0, description="amplitude of an n = 2 deformation at constant volume, relative to the radius")
+    stretch: Number = Field(
+        0.0, description="amplitude of an n = 2 deformation at constant volume, relative to the radius"
+    )
     follow_density: bool = Field(
-        False, description="start with the radial velocity that the first rate of the reference density asks for"
+        False,
+        description="start with the radial velocity that the first rate of the reference density asks for",
     )
 
 
@@ -147,7 +161,9 @@ class Domain(Frozen):
 
     @model_validator(mode="after")
     def _ordered(self) -> "Domain":
-        if len(self.lower) != len(self.upper) or any(b <= a for a, b in zip(self.lower, self.upper, strict=False)):
+        if len(self.lower) != len(self.upper) or any(
+            b <= a for a, b in zip(self.lower, self.upper, strict=False)
+        ):
             raise ValueError("every coordinate of domain.upper must exceed that of domain.lower")
         return self
 
@@ -190,16 +206,25 @@ class Laser(Frozen):
     """
 
     power: Power
-    beam_radius: PositiveLength = Field(description="w: 1/e^2 radius of a Gaussian with exponent 2; radius of a top hat [m]")
+    beam_radius: PositiveLength = Field(
+        description="w: 1/e^2 radius of a Gaussian with exponent 2; radius of a top hat [m]"
+    )
     profile: Literal["gaussian", "top_hat"] = "gaussian"
-    exponent: PositiveNumber = Field(2.0, description="f of the Gaussian: 2 is the 1/e^2 definition; welding papers use 2 to 3")
+    exponent: PositiveNumber = Field(
+        2.0, description="f of the Gaussian: 2 is the 1/e^2 definition; welding papers use 2 to 3"
+    )
     absorptivity: Fraction | None = Field(None, description="A; the first body's material's by default")
     absorption_depth: PositiveLength | None = Field(
-        None, description="1/alpha of Beer-Lambert [m], numerical: metals absorb in 1e-8 m; default bin_size / 3"
+        None,
+        description="1/alpha of Beer-Lambert [m], numerical: metals absorb in 1e-8 m; default bin_size / 3",
     )
-    bin_size: PositiveLength | None = Field(None, description="spacing of the binning grid [m]; the particle spacing by default")
+    bin_size: PositiveLength | None = Field(
+        None, description="spacing of the binning grid [m]; the particle spacing by default"
+    )
     start: Time = 0.0
-    path: Annotated[list[Annotated[Move | Dwell, Field(discriminator="kind")]], Field(min_length=1, max_length=10000)]
+    path: Annotated[
+        list[Annotated[Move | Dwell, Field(discriminator="kind")]], Field(min_length=1, max_length=10000)
+    ]
     passes: Annotated[int, Field(ge=1, le=10000)] = Field(1, description="times the whole path is run")
     pulse: Pulse | None = None
 
@@ -216,7 +241,9 @@ class Physics(Frozen):
     marangoni: bool = True
     radiation: bool = True
     viscous_heating: bool = True
-    evaporation: bool = Field(False, description="heat loss by evaporation; needs evaporation data of the materials")
+    evaporation: bool = Field(
+        False, description="heat loss by evaporation; needs evaporation data of the materials"
+    )
     recoil: bool = Field(False, description="recoil pressure of evaporation on the surface")
 
 
@@ -228,54 +255,101 @@ class Numerics(Frozen):
     sound_speed: PositiveSpeed = Field(20.0, description="c0 of the equation of state (9) [m/s]")
     integrator: Literal["verlet", "kick_drift", "leapfrog_printed"] = "verlet"
     courant: PositiveNumber = Field(0.4, description="dt <= courant h/c0 (41)")
-    viscous_factor: PositiveNumber = Field(0.08, description="dt <= factor h^2/nu (42); 0.125 is printed and unstable")
-    capillary_factor: PositiveNumber = Field(0.25, description="dt <= factor sqrt(rho h_s^3/(2 pi sigma)) (43)")
-    heat_factor: PositiveNumber = Field(0.2, description="dt_heat <= factor rho c h^2/k (44); 0.125 is printed")
+    viscous_factor: PositiveNumber = Field(
+        0.08, description="dt <= factor h^2/nu (42); 0.125 is printed and unstable"
+    )
+    capillary_factor: PositiveNumber = Field(
+        0.25, description="dt <= factor sqrt(rho h_s^3/(2 pi sigma)) (43)"
+    )
+    heat_factor: PositiveNumber = Field(
+        0.2, description="dt_heat <= factor rho c h^2/k (44); 0.125 is printed"
+    )
     temperature_step: PositiveNumber = Field(
-        100.0, description="largest rise by the laser in one heat step [K]; bounds the heat step while the beam is on"
+        100.0,
+        description="largest rise by the laser in one heat step [K]; bounds the heat step while the beam is on",
     )
     maximum_step: PositiveTime | None = None
-    step_growth: Annotated[PositiveNumber, Field(ge=1)] = Field(1.1, description="largest ratio of successive steps")
+    step_growth: Annotated[PositiveNumber, Field(ge=1)] = Field(
+        1.1, description="largest ratio of successive steps"
+    )
     delta: NonNegativeNumber = Field(0.1, description="delta-SPH density diffusion (13)")
-    delta_form: Literal["standard", "printed"] = Field("standard", description="printed: times rho_a once more")
-    pressure_form: Literal["sum", "gamma"] = Field("sum", description="gamma: p_b/Gamma_a + p_a/Gamma_b as printed in (11)")
-    packing_correction: NonNegativeNumber = Field(0.02, description="rate of the packing correction, in c0/h; 0: none")
+    delta_form: Literal["standard", "printed"] = Field(
+        "standard", description="printed: times rho_a once more"
+    )
+    pressure_form: Literal["sum", "gamma"] = Field(
+        "sum", description="gamma: p_b/Gamma_a + p_a/Gamma_b as printed in (11)"
+    )
+    packing_correction: NonNegativeNumber = Field(
+        0.02, description="rate of the packing correction, in c0/h; 0: none"
+    )
     viscosity_correction: bool = Field(True, description="divide (12) by its lattice moment")
-    artificial_viscosity: NonNegativeNumber = Field(0.0, description="alpha: adds rho alpha h c0/(2(d+2)) to mu")
+    artificial_viscosity: NonNegativeNumber = Field(
+        0.0, description="alpha: adds rho alpha h c0/(2(d+2)) to mu"
+    )
     walls: Literal["no_slip", "free_slip"] = "no_slip"
     colour_gradient: Literal["plain", "gamma"] = Field("plain", description="gamma: (20) as printed")
-    normal_cut: NonNegativeNumber = Field(0.2, description="normals exist where h_s |grad c| exceeds this (21)")
-    curvature: Literal["restricted", "printed"] = Field("restricted", description="printed: (23) sums over all neighbours")
-    curvature_clip: Literal["two_sided", "printed"] = Field("two_sided", description="(24); printed: min() alone")
-    depth_correction: bool = Field(True, description="curvature of the surface, not of the parallel surface at depth s")
-    temperature_gradient: Literal["renormalised", "gamma"] = Field("renormalised", description="gamma: (26), sign mended")
+    normal_cut: NonNegativeNumber = Field(
+        0.2, description="normals exist where h_s |grad c| exceeds this (21)"
+    )
+    curvature: Literal["restricted", "printed"] = Field(
+        "restricted", description="printed: (23) sums over all neighbours"
+    )
+    curvature_clip: Literal["two_sided", "printed"] = Field(
+        "two_sided", description="(24); printed: min() alone"
+    )
+    depth_correction: bool = Field(
+        True, description="curvature of the surface, not of the parallel surface at depth s"
+    )
+    temperature_gradient: Literal["renormalised", "gamma"] = Field(
+        "renormalised", description="gamma: (26), sign mended"
+    )
     surface_times_liquid: bool = Field(True, description="surface forces times the liquid fraction")
     surface_every: Annotated[int, Field(ge=1, le=4)] = Field(2, description="steps between surface forces")
-    latent_heat: Literal["enthalpy", "apparent"] = Field("enthalpy", description="apparent: heat capacity method (39)")
-    heat_scheme: Literal["heun", "euler", "trapezoid"] = Field("heun", description="trapezoid: fixed point of Algorithm 1")
+    latent_heat: Literal["enthalpy", "apparent"] = Field(
+        "enthalpy", description="apparent: heat capacity method (39)"
+    )
+    heat_scheme: Literal["heun", "euler", "trapezoid"] = Field(
+        "heun", description="trapezoid: fixed point of Algorithm 1"
+    )
     fixed_point_tolerance: PositiveNumber = Field(1e-8, description="of the trapezoid, relative")
-    fixed_point_sweeps: Annotated[int, Field(ge=1)] = Field(10, description="largest number of sweeps of the trapezoid")
+    fixed_point_sweeps: Annotated[int, Field(ge=1)] = Field(
+        10, description="largest number of sweeps of the trapezoid"
+    )
     conduction: Literal["kirchhoff", "harmonic"] = Field("kirchhoff", description="harmonic: (38)")
     conduction_correction: bool = Field(True, description="divide (38) by its lattice moment")
-    radiation_law: Literal["stefan_boltzmann", "printed"] = Field("stefan_boltzmann", description="printed: (T - T_inf)^4")
-    solid_density: Literal["solidus", "true"] = Field("solidus", description="mechanical density of the solid")
+    radiation_law: Literal["stefan_boltzmann", "printed"] = Field(
+        "stefan_boltzmann", description="printed: (T - T_inf)^4"
+    )
+    solid_density: Literal["solidus", "true"] = Field(
+        "solidus", description="mechanical density of the solid"
+    )
     minimum_neighbours: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="a mobile particle with fewer neighbours within 2h is ejected: removed and counted; default 3 (2-D), 6 (3-D); 0: never"
+        None,
+        description="a mobile particle with fewer neighbours within 2h is ejected: removed and counted; "
+        "default 3 (2-D), 6 (3-D); 0: never",
     )
 
 
 class Performance(Frozen):
     """What a step may skip. All off is the reference every skip is tested against."""
 
-    skip_solid: bool = Field(True, description="flow passes only over particles that can move and the walls beside them")
-    skip_cold: bool = Field(True, description="heat only where the temperature differs from the initial one, or the beam is")
+    skip_solid: bool = Field(
+        True, description="flow passes only over particles that can move and the walls beside them"
+    )
+    skip_cold: bool = Field(
+        True, description="heat only where the temperature differs from the initial one, or the beam is"
+    )
     skip_interior: bool = Field(True, description="surface passes only near the surface")
     skip_dark: bool = Field(True, description="laser bins only under the beam, and only while it is on")
     heat_clock: bool = Field(True, description="heat on its own, longer step")
-    heat_steps_at_most: Annotated[int, Field(ge=1, le=100)] = Field(24, description="flow steps per heat step, at most")
+    heat_steps_at_most: Annotated[int, Field(ge=1, le=100)] = Field(
+        24, description="flow steps per heat step, at most"
+    )
     keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
-    serial_below: Annotated[int, Field(ge=0)] = Field(600, description="loops over fewer particles run on one thread")
+    serial_below: Annotated[int, Field(ge=0)] = Field(
+        600, description="loops over fewer particles run on one thread"
+    )
     stop_finished: bool = Field(True, description="end when the beam has passed and everything is solid")
 
 
@@ -283,7 +357,9 @@ class RunTime(Frozen):
     """When the run ends."""
 
     end: PositiveTime
-    wall_limit: PositiveTime | None = Field(None, description="checkpoint and leave (exit 75) after this much wall time [s]")
+    wall_limit: PositiveTime | None = Field(
+        None, description="checkpoint and leave (exit 75) after this much wall time [s]"
+    )
 
 
 class Output(Frozen):
@@ -295,8 +371,12 @@ class Output(Frozen):
     images: list[Literal["temperature", "state", "velocity", "tracer", "material"]] = Field(
         default_factory=lambda: ["temperature", "state"]  # type: ignore[arg-type]
     )
-    images_at_most: Annotated[int, Field(ge=0)] = Field(12, description="snapshots that become pictures at the end of a run")
-    temperature_range: tuple[Temperature, Temperature] | None = Field(None, description="of the colour bar [K]")
+    images_at_most: Annotated[int, Field(ge=0)] = Field(
+        12, description="snapshots that become pictures at the end of a run"
+    )
+    temperature_range: tuple[Temperature, Temperature] | None = Field(
+        None, description="of the colour bar [K]"
+    )
 
 
 class Config(Frozen):

@@ -1,0 +1,1 @@
+"""The terms of the equations, one file each; none imports another, but for the property tables."""

@@ -37,7 +37,7 @@ def diffusion(delta: float, h: float, sound_speed: float, printed: bool) -> Any:
 
 
 def packing(rate: float, h: float, sound_speed: float, h_surface: float, flat: FlatSurface, real: Any) -> Any:
-    """The Taichi function (Gamma, |grad c|, rho) -> (d rho/dt [kg/(m^3 s)] that restores the ideal packing, clipped)."""
+    """The Taichi function (Gamma, |grad c|, rho) -> (d rho/dt [kg/(m^3 s)] that restores the packing, clipped)."""
     ideal = flat_table(flat.shepard, flat, h_surface, real)
     strength = rate * sound_speed / h
 

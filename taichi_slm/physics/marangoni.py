@@ -13,7 +13,7 @@ from typing import Any
 
 from taichi_slm.backend import ti
 
-SINGULAR = 0.02  # a moment matrix with a smaller determinant (ideal: 1) is a lone particle's: no gradient there
+SINGULAR = 0.02  # a smaller determinant of the moment matrix (ideal: 1) is a lone particle's: no gradient
 
 
 def tangential_force() -> Any:

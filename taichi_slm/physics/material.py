@@ -68,7 +68,9 @@ class MaterialTables:
                 first = base[2]
                 last = base[3]
             low = heat_start[m, segment]
-            place = (H - low) / ti.max(heat_start[m, segment + 1] - low, ti.cast(1e-30, ti.f64)) * (last - first)
+            place = (
+                (H - low) / ti.max(heat_start[m, segment + 1] - low, ti.cast(1e-30, ti.f64)) * (last - first)
+            )
             knot = ti.max(first, ti.min(last - 1, first + ti.cast(ti.floor(place), ti.i32)))
             fraction = place - (knot - first)
             return (1.0 - fraction) * inverse_heat[m, knot] + fraction * inverse_heat[m, knot + 1]

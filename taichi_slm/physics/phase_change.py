@@ -24,7 +24,7 @@ READ_HEAT = ("conductivity", "kirchhoff", "heat_capacity", "enthalpy")
 
 def needed_tables(state: State) -> tuple[str, ...]:
     """Names of the property tables that this scene reads."""
-    names = READ_ALWAYS
+    names: tuple[str, ...] = READ_ALWAYS
     names += READ_FLOW if state.needs.flow else ()
     names += READ_TENSION if state.needs.tension else ()
     names += READ_HEAT if state.needs.heat else ()

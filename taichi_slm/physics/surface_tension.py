@@ -25,7 +25,9 @@ def stable_dt(h_surface: float, rho: float, sigma: float, factor: float) -> floa
     return factor * math.sqrt(rho * h_surface**3 / (2.0 * math.pi * sigma)) if sigma > 0 else math.inf
 
 
-def surface_curvature(dimension: int, h_surface: float, depth_correction: bool, two_sided: bool, depth: Any) -> Any:
+def surface_curvature(
+    dimension: int, h_surface: float, depth_correction: bool, two_sided: bool, depth: Any
+) -> Any:
     """The Taichi function (sum n^, sum W, |grad c|) -> (kappa [1/m], 1 where clipped).
 
     ``depth`` is the Taichi function |grad c| -> depth below a flat surface [m].

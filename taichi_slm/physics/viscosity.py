@@ -1,6 +1,7 @@
 """Viscosity between particles of unlike viscosity, with the phase's own value and a stiffer mush.
 
-Equation   du_a/dt = (1/rho_a) Sum_b V_b 2 mu_a mu_b/(mu_a + mu_b) 2(d+2)/M (u_ab . r_ab)/(r^2 + 0.01 h^2) F r_ab   (11),(12)
+Equation   du_a/dt = (1/rho_a) Sum_b V_b 2 mu_a mu_b/(mu_a + mu_b) 2(d+2)/M
+                     (u_ab . r_ab)/(r^2 + 0.01 h^2) F r_ab                                     (11),(12)
            M is the lattice moment of the operator (0.75 in 2-D, 0.83 in 3-D at h/dx 1.2), 1 as printed
 Source     Monaghan, Gingold 1983, J. Comput. Phys. 52, 374; momentum is mu lap u, not 2 mu lap u as printed in (5)
 Reads      velocity [m/s], viscosity [Pa s], volume      Writes  acceleration [m/s^2], viscous_work [J]

@@ -21,7 +21,7 @@ from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
 
-WARM_FROM = 1e-3  # a particle is warm when it differs by this much from the rest [K]: 1e-6 of a melt pool's rise
+WARM_FROM = 1e-3  # a particle this far from the rest [K] is warm: 1e-6 of a melt pool's rise
 
 
 class Activity:
@@ -67,14 +67,16 @@ class Activity:
     _next_centre: tuple[float, ...] | None = None
 
     def build(self) -> None:
-        """Cells, rows, lists, ejection, and the surface's rows. Raises BlowUpError on a lost particle or a full list."""
+        """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""
         if self.heat is not None and self.flow is not None:
             self.heat.release()
         self.cells.build(WARM_FROM, self.rest)
         self._check(self.cells.invalid, "a particle has no finite place", "position")
         self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")
         self.rows.build(self._all_flow, self._all_hot, self._lit_box())
-        self._check(self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists")
+        self._check(
+            self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists"
+        )
         if self.ejection is not None:
             self.ejection.step()
         if self.surface is not None and self.rows.flow > 0:

@@ -1,10 +1,10 @@
 """The flow passes: one loop over neighbours each, which calls one function per term.
 
-    advance     half drift, density, equation of state
-    walls       pressure of the still particles beside the liquid
-    momentum    pressure, viscosity, gravity, surface forces -> acceleration
-    kick        velocity, half drift
-    continuity  velocity divergence, diffusion, packing -> density rate
+advance     half drift, density, equation of state
+walls       pressure of the still particles beside the liquid
+momentum    pressure, viscosity, gravity, surface forces -> acceleration
+kick        velocity, half drift
+continuity  velocity divergence, diffusion, packing -> density rate
 """
 
 from typing import Any
@@ -111,7 +111,7 @@ class FlowPasses:
 
     def _compile_momentum(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
         d, numerics, needs = disc.dimension, disc.numerics, state.needs
-        W, F = disc.flow_kernel.functions()
+        _, F = disc.flow_kernel.functions()
         pressure = pair_pressure(numerics.pressure_form)
         viscosity = pair_viscosity(d, disc.h, disc.viscosity_moment)
         gamma_form = numerics.pressure_form == "gamma"
@@ -206,7 +206,9 @@ class FlowPasses:
 
         return kick
 
-    def _compile_continuity(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
+    def _compile_continuity(
+        self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger
+    ) -> Any:
         numerics = disc.numerics
         W, F = disc.flow_kernel.functions()
         diffusion = continuity_terms.diffusion(
@@ -215,7 +217,12 @@ class FlowPasses:
         packed = state.needs.surface and numerics.packing_correction > 0
         restoring = (
             continuity_terms.packing(
-                numerics.packing_correction, disc.h, numerics.sound_speed, disc.h_surface, disc.flat, disc.real
+                numerics.packing_correction,
+                disc.h,
+                numerics.sound_speed,
+                disc.h_surface,
+                disc.flat,
+                disc.real,
             )
             if packed
             else None
@@ -244,7 +251,8 @@ class FlowPasses:
                         slope = V * F(r2)
                         divergence += slope * (u - state.velocity[b]).dot(r)
                         moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
-                        diffused -= moves * slope * diffusion(excess, state.density[b] - state.reference_density[b], rho)
+                        excess_b = state.density[b] - state.reference_density[b]
+                        diffused -= moves * slope * diffusion(excess, excess_b, rho)
                         gamma += V * W(r2)
                     rate = rho * divergence + diffused
                     if ti.static(packed):

@@ -17,7 +17,7 @@ from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import MOBILE, State
 
-INSIDE = 0.02  # a row with h_s |grad c| below this share of a flat surface's is inside: no normal for many steps
+INSIDE = 0.02  # below this share of a flat surface's h_s |grad c| a row is inside: no normal for many steps
 
 
 class SurfacePasses:

@@ -18,7 +18,9 @@ CELL_MOBILE, CELL_WARM = 1, 2  # bits of `mark`
 class Cells:
     """A grid of cells of edge ``size`` [m] over the domain [lower, upper] [m]."""
 
-    def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, serial: bool):
+    def __init__(
+        self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, serial: bool
+    ):
         d = state.dimension
         self.size = size
         self.shape = tuple(int(math.ceil((u - o) / size)) + 1 for o, u in zip(lower, upper, strict=True))

@@ -33,7 +33,8 @@ class Neighbours:
         self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
         self.rows = ti.field(ti.i32, shape=state.count)
         self.core = ti.field(ti.i32, shape=state.count)  # 1: amid the warm, 0: at the rim of the hot set
-        self.listed = ti.field(ti.i32, shape=state.count)  # 1: nobody nearby moves, the near list is good for ever
+        # 1: nobody nearby moves, the near list is good for ever
+        self.listed = ti.field(ti.i32, shape=state.count)
         self.near_count = ti.field(ti.i32, shape=state.count)
         self.near = ti.field(ti.i32, shape=(state.count, self.near_capacity))
         if far:
@@ -42,7 +43,8 @@ class Neighbours:
         self.ends = ti.field(ti.i32, shape=3)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.total = 0
-        self._zone = ti.field(ti.i32, shape=cells.shape)  # bits: within reach of a mobile cell, of a warm cell ...
+        # bits: within reach of a mobile cell, of a warm cell ...
+        self._zone = ti.field(ti.i32, shape=cells.shape)
         self._dilate, self._collect = self._compile_rows(state, cells, far or near, serial)
         self._search = self._compile_search(state, cells, near, far)
 
@@ -128,7 +130,11 @@ class Neighbours:
                     for slot in range(cells.count[c]):
                         a = cells.items[c, slot]
                         if state.mobility[a] != MOBILE and (warm or lit(a, low, high)):
-                            if all_flow < 0 or (all_flow == 0 and (zone[c] & near_mobile) == 0) or chosen[a] == 0:
+                            if (
+                                all_flow < 0
+                                or (all_flow == 0 and (zone[c] & near_mobile) == 0)
+                                or chosen[a] == 0
+                            ):
                                 append(2, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
 
         chosen = ti.field(ti.i32, shape=state.count)
