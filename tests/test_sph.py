@@ -1,0 +1,300 @@
+"""Kernel, lattice numbers, cells and neighbour lists against quadrature, finite differences and brute force."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.spatial import cKDTree
+
+from taichi_slm import backend
+from taichi_slm.backend import ti
+from taichi_slm.errors import BlowUpError
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.sph.kernel import Wendland
+from taichi_slm.sph.lattice import conduction_moment, flat_surface, shepard_sum, viscosity_moment
+from taichi_slm.state import MOBILE, STILL
+
+UM = 1e-6
+STEEL_BOX = {"shape": "box", "corner": [0, 0], "size": [60 * UM, 60 * UM]}
+
+# --------------------------------------------------------------------------- kernel
+
+
+@pytest.mark.parametrize(
+    ("dimension", "shell"), [(2, lambda r: 2 * np.pi * r), (3, lambda r: 4 * np.pi * r**2)]
+)
+def test_kernel_integrates_to_one(dimension, shell):
+    kernel = Wendland(dimension, 3.7e-6)  # any h: the result has no unit
+    total, _ = quad(lambda q: kernel.value(q * kernel.h) * shell(q * kernel.h) * kernel.h, 0.0, 2.0)
+    assert total == pytest.approx(1.0, rel=1e-12)  # a polynomial: quad is exact to round-off
+    assert kernel.value(2.0 * kernel.h) == 0.0
+    assert kernel.value(5.0 * kernel.h) == 0.0
+    assert kernel.slope(5.0 * kernel.h) == 0.0
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_slope_is_the_derivative(dimension):
+    kernel = Wendland(dimension, 1.3)
+    r = np.linspace(0.01, 2.59, 200)
+    step = 1e-5
+    by_differences = (kernel.value(r + step) - kernel.value(r - step)) / (2 * step)
+    # central differences: error step^2/6 W''' plus round-off eps W/step, both below 1e-9 of the largest slope
+    largest = np.abs(kernel.slope(r) * r).max()
+    assert kernel.slope(r) * r == pytest.approx(by_differences, abs=1e-9 * largest)
+    assert (kernel.slope(r) <= 0).all()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_taichi_kernel_equals_the_host_one(dimension):
+    backend.start(threads=1)
+    kernel = Wendland(dimension, 4.8e-6)
+    W, F = kernel.functions()
+    r = np.linspace(0.0, 3.0, 301) * kernel.h
+    out = ti.Vector.field(2, ti.f64, shape=len(r))
+    given = ti.field(ti.f64, shape=len(r))
+    given.from_numpy(r)
+
+    @ti.kernel
+    def evaluate():
+        for i in given:
+            out[i] = ti.Vector([W(given[i] ** 2), F(given[i] ** 2)])
+
+    evaluate()
+    values = out.to_numpy()
+    # fast_math reorders a handful of multiplications: some ten roundings, and cancellation in 1 - q/2 near q = 2
+    assert values[:, 0] == pytest.approx(kernel.value(r), rel=1e-12, abs=1e-15 * kernel.alpha)
+    assert values[:, 1] == pytest.approx(kernel.slope(r), rel=1e-12, abs=1e-15 * kernel.alpha / kernel.h**2)
+    assert (values[r > 2.0001 * kernel.h] == 0.0).all()
+
+
+# --------------------------------------------------------------------------- lattice
+
+
+def test_lattice_moments_of_the_method_page():
+    # half a unit of the last digit that METHOD.md and the docstrings of the terms print
+    plane, space = Wendland(2, 1.2), Wendland(3, 1.2)
+    assert conduction_moment(plane, 1.0) == pytest.approx(0.9638, abs=5e-5)
+    assert conduction_moment(space, 1.0) == pytest.approx(0.98523, abs=5e-6)
+    assert viscosity_moment(plane, 1.0) == pytest.approx(0.75, abs=0.005)
+    assert viscosity_moment(space, 1.0) == pytest.approx(0.83, abs=0.005)
+    assert conduction_moment(plane, 1.0) == pytest.approx(
+        conduction_moment(Wendland(2, 1.2e-6), 1e-6), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_moments_tend_to_one(dimension):
+    # the sums are quadratures of exact moments, good to 1e-3 at h/dx 3; the viscosity's softening r^2 + 0.01 h^2
+    # takes 2 % of its moment whatever the resolution
+    kernel = Wendland(dimension, 3.0)
+    assert conduction_moment(kernel, 1.0) == pytest.approx(1.0, abs=1e-3)
+    assert shepard_sum(kernel, 1.0) == pytest.approx(1.0, abs=1e-3)
+    assert viscosity_moment(kernel, 1.0) == pytest.approx(1.0, abs=0.03)
+
+
+def test_depths_below_a_flat_surface_of_the_method_page():
+    surface = Wendland(2, 1.8)
+    flat = flat_surface(surface, Wendland(2, 1.2), 1.0)
+    assert flat.largest == pytest.approx(1.4854, abs=5e-5)
+    printed = [2.000, 1.100, 0.907, 0.764, 0.641, 0.524, 0.407, 0.274, 0.0]
+    # half a unit of the printed digit, and the table's own interpolation
+    assert flat.depth[::32] / surface.h == pytest.approx(printed, abs=1e-3)
+    assert (np.diff(flat.depth) <= 0).all()
+    # at the surface half the neighbours are there, far inside all of them
+    assert flat.shepard[-1] / flat.shepard[0] == pytest.approx(0.5, abs=1e-6)
+    assert flat.shepard[0] == pytest.approx(shepard_sum(Wendland(2, 1.2), 1.0))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_colour_gradient_of_a_lattice_follows_the_table(dimension):
+    """2 Sum V grad W over a half space of particles, at several depths: the table is its continuum."""
+    surface = Wendland(dimension, 1.8)
+    flat = flat_surface(surface, Wendland(dimension, 1.2), 1.0)
+    axes = [np.arange(-4.0, 5.0)] * (dimension - 1) + [np.arange(8) + 0.5]
+    points = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1)
+    shares = []
+    for layer in range(4):
+        r = (layer + 0.5) * np.eye(dimension)[-1] - points
+        gradient = 2.0 * np.sum(surface.slope(np.linalg.norm(r, axis=1))[:, None] * r, axis=0)
+        assert gradient[-1] >= -1e-12  # inward: the metal is on the side of the larger heights
+        shares.append(surface.h * np.linalg.norm(gradient) / flat.largest)
+    depth = np.interp(shares, np.linspace(0.0, 1.0, len(flat.depth)), flat.depth)
+    # a lattice of h/dx 1.8 samples the kernel coarsely: the two layers that have a normal come out within a tenth
+    # of a spacing (found: 0.06), the third within a fifth, where |grad c| is 2 % of a surface's
+    assert depth[:2] == pytest.approx([0.5, 1.5], abs=0.1)
+    assert depth[2] == pytest.approx(2.5, abs=0.2)
+    assert depth[3] == pytest.approx(surface.support)  # beyond reach
+
+
+# --------------------------------------------------------------------------- lists against brute force
+
+
+def listed(rows, particles, name="near"):
+    """The list of each particle as a set; no neighbour stands in it twice."""
+    count, lists = getattr(rows, f"{name}_count").to_numpy(), getattr(rows, name).to_numpy()
+    found = {int(a): set(lists[a, : count[a]].tolist()) for a in particles}
+    assert all(len(found[int(a)]) == count[a] for a in particles)
+    return found
+
+
+def check_lists(sim, near, far):
+    """Rows are groups of distinct particles; their lists are those of a brute-force search at this instant."""
+    rows, x = sim.rows, sim.position
+    mobility = sim.state.array("mobility")
+    order = rows.rows.to_numpy()[: rows.total]
+    assert len(set(order.tolist())) == rows.total
+    assert set(order[: rows.mobile].tolist()) == set(np.flatnonzero(mobility == MOBILE).tolist())
+    assert (mobility[order[rows.mobile :]] == STILL).all()
+    tree = cKDTree(x)
+    mine = listed(rows, order)
+    for a, found in zip(order, tree.query_ball_point(x[order], near), strict=True):
+        assert mine[int(a)] == set(found) - {int(a)}
+    shell = order[: rows.flow]
+    outer = listed(rows, shell, "far")
+    for a, found in zip(shell, tree.query_ball_point(x[shell], far), strict=True):
+        assert outer[int(a)] == set(found) - mine[int(a)] - {int(a)}
+    return order
+
+
+def radii(sim):
+    skin = sim.config.performance.skin * sim.config.spacing
+    return sim.disc.flow_kernel.support + skin, sim.disc.surface_kernel.support + skin
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_lists_of_a_random_droplet(configure, dimension):
+    config = configure(
+        dimension=dimension,
+        spacing=5 * UM,
+        bodies=[{"shape": "droplet", "centre": [0.0] * dimension, "radius": [0, 0, 60, 25][dimension] * UM,
+                 "temperature": 2200}],
+        numerics={"minimum_neighbours": 0},
+    )  # fmt: skip
+    sim = Simulation(config)
+    rng = np.random.default_rng(3)
+    scattered = sim.position + rng.uniform(-1.5, 1.5, sim.position.shape) * UM
+    sim.state.load(position=scattered)
+    sim.activity.build()
+    order = check_lists(sim, *radii(sim))
+    assert len(order) == sim.scene.count == sim.rows.mobile
+    again = [sim.rows.rows.to_numpy(), sim.rows.near.to_numpy()]
+    sim.rows.forget()
+    sim.activity.build()  # the same positions give the same lists in the same order
+    assert np.array_equal(again[0], sim.rows.rows.to_numpy())
+    assert np.array_equal(again[1], sim.rows.near.to_numpy())
+    # after motion by less than half a skin everybody within the support is still in the lists
+    step = rng.normal(size=scattered.shape)
+    step *= 0.499 * config.performance.skin * config.spacing / np.linalg.norm(step, axis=1, keepdims=True)
+    moved = cKDTree(scattered + step)
+    near, wide = listed(sim.rows, order), listed(sim.rows, order, "far")
+    for a, found in enumerate(moved.query_ball_point(scattered + step, sim.disc.flow_kernel.support)):
+        assert set(found) - {a} <= near[a]
+    for a, found in enumerate(moved.query_ball_point(scattered + step, sim.disc.surface_kernel.support)):
+        assert set(found) - {a} <= near[a] | wide[a]
+
+
+@pytest.fixture(scope="module")
+def half_molten(configure):
+    """A block of steel, its left third molten, the rest cold."""
+    return configure(
+        spacing=5 * UM,
+        bodies=[
+            {**STEEL_BOX, "temperature": 2200},
+            {**STEEL_BOX, "corner": [60 * UM, 0], "size": [240 * UM, 60 * UM]},
+        ],
+        physics={"marangoni": False, "viscous_heating": False, "radiation": False},
+        numerics={"minimum_neighbours": 0},
+    )
+
+
+def test_rows_of_a_half_molten_block(half_molten):
+    sim = Simulation(half_molten)
+    sim.activity.build()
+    near, far = radii(sim)
+    order = check_lists(sim, near, far)
+    rows, x = sim.rows, sim.position
+    molten = np.flatnonzero(sim.state.array("mobility") == MOBILE)
+    still = np.flatnonzero(sim.state.array("mobility") == STILL)
+    beside = still[cKDTree(x[molten]).query(x[still])[0] < far]
+    assert set(order[rows.mobile : rows.flow].tolist()) == set(beside.tolist())
+    # whoever is within the support of a warm particle exchanges heat, and so is in a row
+    warm = np.abs(sim.temperature - 293.0) > 1e-3
+    touched = cKDTree(x[warm]).query(x)[0] < sim.disc.flow_kernel.support
+    assert set(np.flatnonzero(touched).tolist()) <= set(order.tolist())
+    assert rows.total < sim.scene.count  # and the far end is left out
+
+    # after steps of flow and heat: nobody within the support is missing from a list, no warm one from the rows
+    before = sim.activity.builds
+    for _ in range(40):
+        sim.step()
+    assert sim.activity.builds > before
+    x = sim.position
+    order = rows.rows.to_numpy()[: rows.total]
+    warm = np.abs(sim.temperature - 293.0) > 1e-3
+    assert warm.sum() > len(molten)
+    assert set(np.flatnonzero(warm).tolist()) <= set(order.tolist())
+    tree, mine = cKDTree(x), listed(rows, order)
+    for a, found in zip(order, tree.query_ball_point(x[order], sim.disc.flow_kernel.support), strict=True):
+        assert set(found) - {int(a)} <= mine[int(a)]
+    displaced = np.linalg.norm(x - sim.state.array("reference_position"), axis=1)
+    mobile = sim.state.array("mobility") == MOBILE
+    assert displaced[mobile].max() > 0
+    # a row may leave the skin during the one step after which its list is made anew
+    assert displaced[mobile].max() < 0.6 * half_molten.performance.skin * half_molten.spacing
+
+
+# --------------------------------------------------------------------------- what must be an error
+
+
+def crowd(sim, count, place, spread):
+    """Put the first ``count`` particles around ``place`` [m], within ``spread`` [m] on every axis, all sides alike."""
+    x = sim.position
+    side = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])[np.arange(count) % 4]
+    x[:count] = place + side * np.random.default_rng(0).uniform(0.0, spread, (count, 2))
+    sim.state.load(position=x)
+
+
+def test_crowds_and_lost_particles_are_errors_and_nothing_is_cut_off(half_molten):
+    sim = Simulation(half_molten)
+    sim.activity.build()
+    cells, rows, start = sim.activity.cells, sim.rows, sim.position
+    origin = sim.scene.lower - 2.0 * sim.config.spacing
+    corner = origin + 6 * cells.size  # of four cells, within the molten part
+
+    crowd(sim, cells.capacity + 1, corner + 0.5 * cells.size, 0.1 * UM)
+    with pytest.raises(BlowUpError, match=r"cell is full.*\(particle \d+ at .* um, .* um\)"):
+        sim.activity.build()
+
+    # a crowd around a corner fills four cells by a part each, and the lists of all of its members
+    sim.state.load(position=start)
+    crowd(sim, rows.near_capacity + 2, corner, 0.3 * UM)
+    with pytest.raises(BlowUpError, match=r"neighbour list is full.*\(particle \d+ at"):
+        sim.activity.build()
+
+    # one less than an overflow, with nobody around: no error, and nobody is missing
+    sim.state.load(position=start)
+    count = rows.near_capacity + 1  # each of them has `near_capacity` neighbours in the crowd
+    steps = np.floor((sim.scene.upper - 3 * sim.config.spacing - origin) / cells.size)
+    crowd(sim, count, origin + steps * cells.size, 0.3 * UM)
+    sim.activity.build()
+    assert rows.near_count.to_numpy()[:count].tolist() == [rows.near_capacity] * count
+    check_lists(sim, *radii(sim))
+
+    # the room in the lists: the whole melt squeezed to 1.45 times its density (they have 1.5 and a dozen)
+    x = start.copy()
+    molten = sim.state.array("mobility") == MOBILE
+    x[molten] = x[molten].mean(axis=0) + (x[molten] - x[molten].mean(axis=0)) / math.sqrt(1.45)
+    sim.state.load(position=x)
+    sim.activity.build()
+    check_lists(sim, *radii(sim))
+
+    for lost, place in (([np.nan, np.nan], "nan um, nan um"), ([np.inf, 0.0], "inf um, 0.00 um")):
+        x = start.copy()
+        x[17] = lost
+        sim.state.load(position=x)
+        with pytest.raises(BlowUpError, match=rf"no finite place \(particle 17 at {place}\)"):
+            sim.activity.build()
+    sim.state.load(position=start)
+    sim.activity.build()  # and it was only that
+    check_lists(sim, *radii(sim))
