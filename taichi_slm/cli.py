@@ -92,6 +92,17 @@ def run(
 
 
 @app.command()
+def resume(
+    run: Annotated[Path, typer.Argument(help="The folder of a run that stopped.")],
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads; as before by default.")] = None,
+) -> None:
+    """Continue a run that stopped, from its last good checkpoint."""
+    from taichi_slm.run.driver import resume as continue_run
+
+    continue_run(run, threads=threads)
+
+
+@app.command()
 def validate(
     config: Annotated[list[Path], typer.Argument(help="One or more scenes.")],
     override: Override = None,

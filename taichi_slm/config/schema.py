@@ -308,8 +308,11 @@ class Numerics(Frozen):
     latent_heat: Literal["enthalpy", "apparent"] = Field(
         "enthalpy", description="apparent: heat capacity method (39)"
     )
-    heat_scheme: Literal["heun", "euler", "trapezoid"] = Field(
-        "heun", description="trapezoid: fixed point of Algorithm 1"
+    heat_scheme: Literal["rkl2", "heun", "euler", "trapezoid"] = Field(
+        "rkl2", description="rkl2: Runge-Kutta-Legendre, explicit; trapezoid: fixed point of Algorithm 1"
+    )
+    heat_stages: Annotated[int, Field(ge=3, le=31)] = Field(
+        7, description="of rkl2, at most; its stable step grows as their square"
     )
     fixed_point_tolerance: PositiveNumber = Field(1e-8, description="of the trapezoid, relative")
     fixed_point_sweeps: Annotated[int, Field(ge=1)] = Field(

@@ -20,7 +20,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.special import erf
 
 from taichi_slm.backend import ti
 from taichi_slm.config.schema import Laser
@@ -66,6 +65,8 @@ def shares(laser: Laser, edges: list[np.ndarray]) -> np.ndarray:
     ``edges``: for each horizontal axis the bin edges [m] relative to the beam's axis, shape [n + 1].
     Returns shape [n_x] in 2-D, [n_x, n_y] in 3-D.
     """
+    from scipy.special import erf  # slow to import, and `validate` does not need it
+
     w = laser.beam_radius
     if laser.profile == "gaussian":
         parts = [np.diff(0.5 * erf(math.sqrt(laser.exponent) * e / w)) for e in edges]
@@ -163,7 +164,12 @@ class LaserBins:
             return node
 
         @ti.kernel
-        def march(first: Index, incident: ti.f64, faintest: ti.f64, fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1)):
+        def march(
+            first: Index,
+            incident: ti.f64,
+            faintest: ti.f64,
+            fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1),
+        ):
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)

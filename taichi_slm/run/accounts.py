@@ -1,77 +1,105 @@
 """What a run reports of itself: accounts, extremes and clamps, one row at a time."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_slm.state import MOBILE, REMOVED
+from taichi_slm.solver.survey import (
+    FASTEST,
+    HOTTEST,
+    MOBILE_COUNT,
+    MOMENTUM,
+    MOMENTUM_SCALE,
+    PRESENT_MASS,
+    STORED,
+    Survey,
+)
+from taichi_slm.state import MOBILE
 
 if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 
 class Accounts:
-    """Reads a simulation's state and ledger. Energies are in J, in 2-D in J/m."""
+    """Reads a simulation's state and ledger. Energies are in J, in 2-D in J/m; momenta in N s, in 2-D in N s/m."""
 
     def __init__(self, simulation: "Simulation"):
         self._sim = simulation
+        self._survey = Survey(simulation.state, simulation.disc)
         self.incident = 0.0  # laser energy that reached the scene, times the absorptivity [J]
 
     def row(self) -> dict[str, float | int | str]:
         """Column -> value, the names of the history file."""
-        sim, state = self._sim, self._sim.state
+        sim = self._sim
+        found = self._survey()
         energy = sim.ledger.energies()
-        mobility = state.array("mobility")
-        mobile = mobility == MOBILE
-        mass = state.array("mass").astype(np.float64)
-        stored = 0.0
-        if state.needs.heat:
-            stored = float(np.dot(mass, state.array("enthalpy") - state.array("enthalpy_initial")))
+        stored = float(found[STORED])
         brought = energy["absorbed"] + energy["viscous"]
         left = energy["radiated"] + energy["evaporated"] + energy["conducted_out"] + energy["removed"]
         scale = max(abs(brought), abs(stored), left)
-        present = float(mass.sum())
         removed_mass = float(sim.ledger.removed_mass[None])
-        there = mobility != REMOVED
-        speed = np.linalg.norm(state.array("velocity")[mobile], axis=1) if mobile.any() else np.zeros(1)
-        low, mean, high = self._packing(mobile)
+        low, mean, high = self._packing(int(found[MOBILE_COUNT]))
         return {
-            "step": sim.steps, "time_s": sim.time, "dt_s": sim.dt, "dt_limiter": sim.dt_limiter,
-            "mobile": int(mobile.sum()), "hot": sim.rows.total,
-            "max_temperature_K": float(state.array("temperature")[there].max()),
-            "max_speed_m_s": float(speed.max()),
-            "absorbed_J": energy["absorbed"], "stored_J": stored, "radiated_J": energy["radiated"],
+            "step": sim.steps,
+            "time_s": sim.time,
+            "dt_s": sim.dt,
+            "dt_limiter": sim.dt_limiter,
+            "mobile": int(found[MOBILE_COUNT]),
+            "hot": sim.rows.total,
+            "max_temperature_K": float(found[HOTTEST]),
+            "max_speed_m_s": math.sqrt(found[FASTEST]),
+            "absorbed_J": energy["absorbed"],
+            "stored_J": stored,
+            "radiated_J": energy["radiated"],
             "conducted_out_J": energy["conducted_out"],
             "energy_error": abs(brought - stored - left) / scale if scale > 0 else 0.0,
-            "mass_error": abs(present + removed_mass - sim.initial_mass) / sim.initial_mass,
+            "mass_error": abs(float(found[PRESENT_MASS]) + removed_mass - sim.initial_mass)
+            / sim.initial_mass,
             "removed": int(sim.ledger.removed[None]),
-            "evaporated_J": energy["evaporated"], "removed_J": energy["removed"], "viscous_J": energy["viscous"],
+            "evaporated_J": energy["evaporated"],
+            "removed_J": energy["removed"],
+            "viscous_J": energy["viscous"],
             "passed_through_J": self.incident - energy["absorbed"],
-            "removed_kg": removed_mass, "momentum_error": self._momentum_error(mass, mobile),
-            "packing_low": low, "packing_mean": mean, "packing_high": high,
+            "removed_kg": removed_mass,
+            "momentum_error": self._momentum_error(found),
+            "packing_low": low,
+            "packing_mean": mean,
+            "packing_high": high,
             "list_builds": sim.activity.builds,
+            "surface_evaluations": sim.surface.evaluations if sim.surface is not None else 0,
             **sim.ledger.clamp_counts(),
-        }  # fmt: skip
+        }
 
-    def _momentum_error(self, mass: np.ndarray, mobile: np.ndarray) -> float:
-        """Momentum that no account explains, over the sum of the impulses' magnitudes."""
+    def present_mass(self) -> float:
+        """Mass of all particles that are not removed [kg], summed in the order of every later sum."""
+        return float(self._survey()[PRESENT_MASS])
+
+    def momentum(self) -> dict[str, list[float]]:
+        """The momentum account by name [N s]: present = initial + gravity + walls + surface - frozen - removed."""
         sim = self._sim
-        impulses = sim.ledger.impulses()
-        velocity = sim.state.array("velocity").astype(np.float64)
-        present = np.sum(mass[mobile, None] * velocity[mobile], axis=0)
-        explained = (
-            sim.initial_momentum + impulses["gravity"] + impulses["walls"] + impulses["surface"]
-            - impulses["frozen"] - impulses["removed"]
-        )  # fmt: skip
-        scale = sum(float(np.linalg.norm(part)) for part in impulses.values())
-        scale += float(np.sum(mass[mobile] * np.linalg.norm(velocity[mobile], axis=1)))
-        return float(np.linalg.norm(present - explained)) / scale if scale > 0 else 0.0
+        parts = {name: part.tolist() for name, part in sim.ledger.impulses().items()}
+        return {
+            "initial": sim.initial_momentum.tolist(),
+            **parts,
+            "present": self._survey()[MOMENTUM:].tolist(),
+        }
 
-    def _packing(self, mobile: np.ndarray) -> tuple[float, float, float]:
+    def _momentum_error(self, found: np.ndarray) -> float:
+        """Momentum that no account explains, over the sum of the accounts' magnitudes."""
+        impulses = self._sim.ledger.impulses()
+        came = impulses["gravity"] + impulses["walls"] + impulses["surface"]
+        went = impulses["frozen"] + impulses["removed"]
+        unexplained = found[MOMENTUM:] - self._sim.initial_momentum - came + went
+        scale = sum(float(np.linalg.norm(part)) for part in impulses.values()) + float(found[MOMENTUM_SCALE])
+        return float(np.linalg.norm(unexplained)) / scale if scale > 0 else 0.0
+
+    def _packing(self, moving: int) -> tuple[float, float, float]:
         """5th percentile, mean and 95th percentile of Gamma / Gamma_flat(depth) over the mobile particles."""
         sim = self._sim
-        if not sim.state.needs.flow or not mobile.any() or sim.flow_step is None or sim.flow_step.count == 0:
+        if moving == 0 or sim.flow_step is None or sim.flow_step.count == 0:
             return 1.0, 1.0, 1.0
+        mobile = sim.state.array("mobility") == MOBILE
         gamma = sim.state.array("shepard")[mobile].astype(np.float64)
         flat = sim.disc.flat
         share = np.zeros_like(gamma)

@@ -115,7 +115,7 @@ def _drive(
     for line in closing_lines(recorder, summary):
         _say(console, line)
     _say(console, render(folder, sim.config))
-    _say(console, f"next       taichi-slm analyse {folder.path}    or    paraview {folder.series}")
+    _say(console, f"next       paraview {folder.series}    or    taichi-slm render {folder.path}")
     return folder.path
 
 

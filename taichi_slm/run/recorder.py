@@ -105,7 +105,7 @@ class Recorder:
 
     def melt_pool(self) -> MeltPool:
         """The pool as it is now."""
-        arrays = self.sim.arrays()
+        arrays = self.sim.arrays(("position", "temperature", "liquid_fraction", "material", "wall"))
         melting = self.melting[arrays["material"]]
         melting[arrays["wall"].astype(bool)] = np.inf
         return measure(

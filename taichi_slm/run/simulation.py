@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,11 @@ from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import HELD, MOBILE, REMOVED, STILL, WALL, Needs, State
 
+SNAPSHOT_ARRAYS = (
+    "position", "velocity", "temperature", "liquid_fraction", "density", "pressure", "surface_force", "material",
+    "tracer", "id", "ever_liquid", "wall", "held",
+)  # fmt: skip
+_OF_THE_SCENE = {"material": np.int32, "tracer": np.int32, "wall": np.uint8, "held": np.uint8}
 FLOW_ONLY_STEPS = 8  # flow steps between looks at the clock in a scene without heat
 
 
@@ -158,7 +164,6 @@ class Simulation:
         state.load(position=scene.position, temperature=T, material=m, mass=mass, density=density,
                    volume=scene.volume, kind=WALL * scene.wall + HELD * scene.held,
                    velocity=velocity, mobility=np.where(mobile, MOBILE, STILL))  # fmt: skip
-        self.initial_mass = float(np.sum(mass))
         self.initial_momentum = np.sum(mass[:, None] * velocity, axis=0)
         if state.needs.heat:
             H = np.array([enthalpy_at(tables, int(k), float(t)) for k, t in _unique_pairs(m, T)])
@@ -170,6 +175,7 @@ class Simulation:
         self.hottest, self.hottest_id = float(T.max()), int(T.argmax())
         self.moving = int(np.count_nonzero(mobile))
         self.accounts = Accounts(self)
+        self.initial_mass = self.accounts.present_mass()
 
     def _hydrostatic_excess(self, mobile: np.ndarray) -> np.ndarray:
         """Density [kg/m^3] above the reference one under which liquid at rest carries what lies above it, shape [n]."""
@@ -189,7 +195,8 @@ class Simulation:
             own = scene.body == number
             rate = program_rate(scene.programs[number], 0.0)
             T, m = scene.temperature[own], scene.material[own]
-            slope = (_look_up(self.host_tables, "density", m, T + 0.01) - _look_up(self.host_tables, "density", m, T - 0.01)) / 0.02  # fmt: skip
+            warmer, cooler = (_look_up(self.host_tables, "density", m, T + by) for by in (0.01, -0.01))
+            slope = (warmer - cooler) / 0.02
             expansion = -slope * rate / density[own]  # div u = -(1/rho) drho/dt
             centre = scene.position[own].mean(axis=0)
             velocity[own] += (expansion / scene.dimension)[:, None] * (scene.position[own] - centre)
@@ -203,7 +210,7 @@ class Simulation:
         if self.heat is not None:
             if self.bins is not None and self.beam is not None:
                 self.bins.absorb(self.beam.position(0.0), 1e-300)
-            self.heat.step(1.0, False)
+            self.heat.step(1.0, False, 1.0)
         self.activity.beam_at(self._beam_centre(0.0, 0.0))
         self.activity.build()
         if self.surface is not None:
@@ -240,7 +247,13 @@ class Simulation:
         began = time.perf_counter()
         while self.time < until * (1.0 - 1e-12) and not self.finished:
             self._span(until)
+        self._search_anew()
         self.solver_time_s += time.perf_counter() - began
+
+    def _search_anew(self) -> None:
+        """Have the lists built anew at the next step, so that a run resumed here has the same lists, and bits."""
+        self.rows.forget()
+        self.activity.stale = True
 
     def _span(self, until: float) -> None:
         """One heat step, and the flow steps within it."""
@@ -332,7 +345,7 @@ class Simulation:
             )
             self.accounts.incident += incident * span
             lit = self.bins.absorb(centre, incident)
-        report = self.heat.step(span, lit)
+        report = self.heat.step(span, lit, self.limits.euler(self.hottest))
         self.hottest, self.hottest_id = float(report[HOTTEST]), int(report[HOTTEST_ID])
         self.moving = int(report[MOVING])
         if report[WAITING] > RELEASE_BY or report[LEFT_RIM]:
@@ -346,22 +359,23 @@ class Simulation:
 
     # ----------------------------------------------------------------- results
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self, names: Sequence[str] = SNAPSHOT_ARRAYS) -> dict[str, np.ndarray]:
         """The particles that are still there, in the order of their ids; SI units, names as in the snapshots."""
-        state, scene = self.state, self.scene
-        names = ["position", "velocity", "temperature", "liquid_fraction", "density"]
-        result = {name: state.array(name) for name in names}
-        result["pressure"] = state.array("pressure") if state.needs.flow else np.zeros(scene.count)
-        if state.needs.tension:
-            result["surface_force"] = state.array("surface_force")
-        result["material"] = scene.material.astype(np.int32)
-        result["tracer"] = scene.tracer.astype(np.int32)
-        result["id"] = np.arange(scene.count, dtype=np.int32)
-        result["ever_liquid"] = state.array("ever_liquid").astype(np.uint8)
-        result["wall"] = scene.wall.astype(np.uint8)
-        result["held"] = scene.held.astype(np.uint8)
-        there = state.array("mobility") != REMOVED
-        return {name: values[there] for name, values in result.items()}
+        there = self.state.array("mobility") != REMOVED
+        return {name: self._array(name)[there] for name in names if self._has(name)}
+
+    def _has(self, name: str) -> bool:
+        return name in _OF_THE_SCENE or name in ("id", "pressure") or name in self.state.names
+
+    def _array(self, name: str) -> np.ndarray:
+        if name in _OF_THE_SCENE:
+            return np.asarray(getattr(self.scene, name)).astype(_OF_THE_SCENE[name])
+        if name == "id":
+            return np.arange(self.scene.count, dtype=np.int32)
+        if name not in self.state.names:  # a pressure that nobody computes
+            return np.zeros(self.scene.count)
+        values = self.state.array(name)
+        return values.astype(np.uint8) if name == "ever_liquid" else values
 
     def diagnostics(self) -> dict[str, float | int | str]:
         """One row of the history, but for the melt pool's size."""
@@ -384,8 +398,7 @@ class Simulation:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that a restart needs; the lists are built anew on both sides, so both go on with the same bits."""
-        self.rows.forget()
-        self.activity.stale = True
+        self._search_anew()
         saved = {f"state.{name}": self.state.array(name) for name in self.state.names}
         saved |= {f"ledger.{name}": getattr(self.ledger, name).to_numpy()
                   for name in ("energy", "momentum", "clamps", "removed", "removed_mass")}  # fmt: skip
@@ -416,8 +429,7 @@ class Simulation:
             self.flow_step.flow.fastest[None] = fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
-        self.rows.forget()
-        self.activity.stale = True
+        self._search_anew()
 
 
 def _look_up(tables: Any, name: str, material: np.ndarray, temperature: np.ndarray) -> np.ndarray:

@@ -1,11 +1,11 @@
 """The heat passes: rates, the time scheme, latent heat, phase.
 
-    rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
-    account  energy accounts of a stage
-    predict  state at the end of the step with the present rates
-    correct  mean of both rates (second order)
-    phases   who froze, who waits to be let go, how hot it is
-    release  let go who has melted
+rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
+account  energy accounts of a stage
+predict  state at the end of the step with the present rates
+correct  mean of both rates (second order)
+phases   who froze, who waits to be let go, how hot it is
+release  let go who has melted
 """
 
 from typing import Any
@@ -19,9 +19,20 @@ from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import phase_setter, property_setter
 from taichi_slm.physics.radiation import radiated_flux
 from taichi_slm.solver.discretisation import Discretisation
-from taichi_slm.solver.ledger import ENERGY, MOMENTUM, Ledger
+from taichi_slm.solver.ledger import MOMENTUM, Ledger
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import HELD, MOBILE, State
+
+POWERS = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")  # accounts of the heat passes
+
+
+def stages_for(ratio: float) -> int:
+    """Fewest stages (odd, 3 or more) of Runge-Kutta-Legendre for a step of ``ratio`` stable Euler steps."""
+    stages = 3
+    while (stages * stages + stages - 2) / 4.0 < ratio * (1.0 - 1e-9):
+        stages += 2
+    return stages
+
 
 # what `phases` reports
 WAITING, LEFT_RIM, MOVING, HOTTEST, HOTTEST_ID = range(5)
@@ -39,34 +50,73 @@ class HeatPasses:
         self._sweeps = disc.numerics.fixed_point_sweeps
         self.report = ti.field(ti.f64, shape=5)
         self.change = ti.field(ti.f64, shape=())  # largest relative change of a fixed-point sweep
-        self.sweeps = 0  # of the last step
+        self.sweeps = 0  # fixed-point sweeps or stages of the last step
+        self.power = ti.field(ti.f64, shape=len(POWERS))
+        self._ledger = ledger
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
-        self._account = self._compile_account(state, rows, disc, ledger)
-        self._predict, self._correct = self._compile_scheme(
+        self._account = self._compile_account(state, rows, disc)
+        self._predict, self._correct, self._stage = self._compile_scheme(
             state, rows, disc, tables, band_heat_capacity, alpha_viscosity
         )
         self._phases, self._release = self._compile_phases(state, rows, disc, ledger, warm_from, rest)
 
-    def step(self, dt: float, lit: bool) -> np.ndarray:
-        """One heat step of ``dt`` [s] with the laser powers frozen; returns the report of `phases`."""
-        total, lit_now = self._rows.total, int(lit)
-        self._rates(total, lit_now, 1.0 / dt)
-        if self._scheme == "euler":
-            self._account(total, lit_now, dt, 1)
-            self._predict(total, dt)
+    def step(self, dt: float, lit: bool, stable: float) -> np.ndarray:
+        """One heat step of ``dt`` [s] with the laser powers frozen; returns the report of `phases`.
+
+        ``stable`` is the longest step of explicit Euler [s].
+        """
+        total = self._rows.total
+        if self._scheme == "rkl2":
+            self._super_step(dt, lit, stages_for(dt / stable))
         else:
-            self._account(total, lit_now, 0.5 * dt, 1)
+            first = self._powers(lit, dt)
             self._predict(total, dt)
-            for sweep in range(self._sweeps if self._scheme == "trapezoid" else 1):
-                self._rates(total, lit_now, 1.0 / dt)
-                self._correct(total, 0.5 * dt)
-                self.sweeps = sweep + 1
-                if self._scheme == "trapezoid" and self.change[None] < self._tolerance:
-                    break
-            self._account(total, lit_now, 0.5 * dt, 0)
+            mean = first
+            if self._scheme != "euler":
+                for sweep in range(self._sweeps if self._scheme == "trapezoid" else 1):
+                    last = self._powers(lit, dt)
+                    self._correct(total, 0.5 * dt)
+                    self.sweeps = sweep + 1
+                    if self._scheme == "trapezoid" and self.change[None] < self._tolerance:
+                        break
+                mean = 0.5 * (first + last)
+            self._ledger.book(POWERS, dt * mean)
         self._phases(total, dt)
         report: np.ndarray = self.report.to_numpy()
         return report
+
+    def _powers(self, lit: bool, dt: float) -> np.ndarray:
+        """Heating of every row at the present state; returns the total powers [W] by account, shape [5]."""
+        total, lit_now = self._rows.total, int(lit)
+        self._rates(total, lit_now, 1.0 / dt)
+        self._account(total, lit_now, 1.0 / dt)
+        powers: np.ndarray = self.power.to_numpy()
+        return powers
+
+    def _super_step(self, dt: float, lit: bool, stages: int) -> None:
+        """Runge-Kutta-Legendre of second order: ``stages`` rates carry a step of (s^2 + s - 2)/4 Euler steps.
+
+        Meyer, Balsara, Aslam 2014, J. Comput. Phys. 257, 594, eqs. (16)-(17). The accounts obey the same recurrence as
+        the particles, so they close to round-off.
+        """
+        total = self._rows.total
+
+        def b(j: int) -> float:
+            return 1.0 / 3.0 if j < 2 else (j * j + j - 2.0) / (2.0 * j * (j + 1.0))
+
+        w = 4.0 / (stages * stages + stages - 2.0)
+        first = self._powers(lit, dt)
+        self._predict(total, b(1) * w * dt)
+        booked, before = b(1) * w * dt * first, np.zeros_like(first)
+        for j in range(2, stages + 1):
+            mu = (2.0 * j - 1.0) / j * b(j) / b(j - 1)
+            nu = -(j - 1.0) / j * b(j) / b(j - 2)
+            new, old = mu * w * dt, -(1.0 - b(j - 1)) * mu * w * dt
+            powers = self._powers(lit, dt)
+            self._stage(total, j == 2, mu, nu, new, old)
+            booked, before = mu * booked + nu * before + new * powers + old * first, booked
+        self.sweeps = stages
+        self._ledger.book(POWERS, booked)
 
     def release(self) -> None:
         """Let go who has melted; the lists must be built next."""
@@ -120,16 +170,15 @@ class HeatPasses:
 
         return rates
 
-    def _compile_account(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
-        energy, physics, ordered = ledger.energy, disc.physics, disc.ordered
-        absorbed, radiated, evaporated, conducted, viscous = (
-            ENERGY.index(n) for n in ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")
-        )
+    def _compile_account(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
+        power, physics, ordered = self.power, disc.physics, disc.ordered
         chunks = 1 if ordered else 1024
         has_viscous = state.needs.viscous_heating
 
         @ti.kernel
-        def account(total: ti.i32, lit: ti.i32, dt: ti.f64, first: ti.i32):
+        def account(total: ti.i32, lit: ti.i32, per_step: ti.f64):
+            for i in range(5):
+                power[i] = 0.0
             ti.loop_config(serialize=ordered)
             for chunk in range(chunks):
                 sums = ti.Vector.zero(ti.f64, 5)
@@ -144,18 +193,14 @@ class HeatPasses:
                     if (state.kind[a] & HELD) != 0:
                         sums[3] += state.heating[a]
                     if ti.static(has_viscous):
-                        if first != 0:
-                            sums[4] += state.viscous_work[a]
-                ti.atomic_add(energy[absorbed], dt * sums[0])
-                ti.atomic_add(energy[radiated], dt * sums[1])
-                ti.atomic_add(energy[evaporated], dt * sums[2])
-                ti.atomic_add(energy[conducted], dt * sums[3])
-                ti.atomic_add(energy[viscous], sums[4])
+                        sums[4] += state.viscous_work[a] * per_step
+                for i in ti.static(range(5)):
+                    ti.atomic_add(power[i], sums[i])
 
         return account
 
     def _compile_scheme(self, state: State, rows: Neighbours, disc: Discretisation, tables: MaterialTables,
-                        band_heat_capacity: np.ndarray, alpha_viscosity: float) -> tuple[Any, Any]:  # fmt: skip
+                        band_heat_capacity: np.ndarray, alpha_viscosity: float) -> tuple[Any, Any, Any]:  # fmt: skip
         apparent = disc.numerics.latent_heat == "apparent"
         set_properties = property_setter(state, tables, alpha_viscosity)
         capacity, enthalpy_of = tables.reader("heat_capacity"), tables.reader("enthalpy")
@@ -224,7 +269,22 @@ class HeatPasses:
                     settle(a, state.enthalpy_before[a] + half * (state.heating_before[a] + rate_of(a)))
                     ti.atomic_max(change[None], ti.cast(abs(state.temperature[a] - T) / T, ti.f64))
 
-        return predict, correct
+        @ti.kernel
+        def stage(total: ti.i32, second: ti.i32, mu: ti.f64, nu: ti.f64, new: ti.f64, old: ti.f64):
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                if free(a):
+                    start = state.enthalpy_before[a]
+                    present = thermal_state(a)
+                    past = start
+                    if second == 0:
+                        past = state.enthalpy_past[a]
+                    state.enthalpy_past[a] = present
+                    step = new * rate_of(a) + old * state.heating_before[a]
+                    settle(a, mu * present + nu * past + (1.0 - mu - nu) * start + step)
+
+        return predict, correct, stage
 
     def _compile_phases(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger,
                         warm_from: float, rest: float) -> tuple[Any, Any]:  # fmt: skip

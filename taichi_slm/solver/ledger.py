@@ -7,6 +7,7 @@
 Sums run in one fixed order on a CPU, so that the accounts, too, are the same bits in every run.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,20 @@ class Ledger:
                 ti.atomic_add(momentum[surface][axis], dt * surface_force[axis])
             ti.atomic_add(momentum[gravity][d - 1], -dt * weight)
 
+        energy = self.energy
+
+        @ti.kernel
+        def add_energy(account: ti.i32, amount: ti.f64):
+            energy[account] += amount
+
         self.add_impulses: Any = add_impulses
+        self._add_energy: Any = add_energy
+
+    def book(self, names: Sequence[str], amounts: np.ndarray) -> None:
+        """Add ``amounts`` [J] to the energy accounts ``names``."""
+        for name, amount in zip(names, amounts, strict=True):
+            if amount != 0.0:
+                self._add_energy(ENERGY.index(name), float(amount))
 
     def energies(self) -> dict[str, float]:
         """Energy accounts by name [J]; in 2-D [J/m]."""

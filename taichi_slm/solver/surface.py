@@ -29,6 +29,7 @@ class SurfacePasses:
         self._near_surface = ti.field(ti.i32, shape=state.count)  # row numbers
         self._ends = ti.field(ti.i32, shape=2)  # mobile rows near the surface, all rows near the surface
         self.mobile = self.flow = 0
+        self.evaluations = 0  # of curvature and surface force so far: what the clips are a share of
         self._skip_interior = skip_interior
         self._ordered = disc.ordered
         self._colour_all, self._colour, self._select = self._compile_colour(state, cells, rows, disc)
@@ -52,6 +53,7 @@ class SurfacePasses:
         self._colour(self.flow)
         if self._tension:
             self._forces(self.mobile)
+            self.evaluations += self.mobile
 
     def _compile_colour(self, state: State, cells: Cells, rows: Neighbours, disc: Discretisation) -> Any:
         numerics, d = disc.numerics, disc.dimension

@@ -74,7 +74,13 @@ class StepLimits:
         return limits
 
     def heat(self, hottest: float) -> float:
-        """Limit [s] of the heat passes at ``hottest`` [K]."""
+        """Limit [s] of the heat scheme at ``hottest`` [K]."""
+        stages = self._numerics.heat_stages
+        longer = (stages**2 + stages - 2) / 4.0 if self._numerics.heat_scheme == "rkl2" else 1.0
+        return longer * self.euler(hottest)
+
+    def euler(self, hottest: float) -> float:
+        """Limit [s] of an explicit Euler step of heat at ``hottest`` [K]."""
         diffusivity = self._worst(self._diffusivity, hottest, False)
         return conduction.stable_dt(self.h, 1.0, max(diffusivity, 1e-300), self._numerics.heat_factor)
 
