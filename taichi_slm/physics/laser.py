@@ -17,7 +17,6 @@ and the shares of a bin add up to one exactly.
 
 import math
 from itertools import product
-from typing import Any
 
 import numpy as np
 
