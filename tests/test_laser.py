@@ -186,9 +186,9 @@ def test_what_is_skipped_as_dark_is_dark(configure, dimension):
             host, passed = on_host(sim, laser, centre, incident)
             # DARK is a share of the brightest column's light; some ten columns may be cut off at it
             assert power.sum() + passed == pytest.approx(incident, rel=20 * DARK)
-            assert power.sum() <= incident - passed * (1 - 1e-9)
+            assert power.sum() <= incident - passed + 1e-12 * incident  # never more than there is
             assert power == pytest.approx(host, abs=20 * DARK * host.max())
-        assert np.count_nonzero(power) < 0.8 * sim.scene.count
+        assert np.count_nonzero(power) < 0.9 * sim.scene.count  # and something was cut off
 
 
 @pytest.mark.parametrize("bin_size", [4.1 * UM, 7.5 * UM])
