@@ -24,9 +24,11 @@ SETS = {
     "absorption depth 10 um": ("laser.absorption_depth=10e-6",),
     "plate 0.15 mm deep": ("bodies.0.depth=0.15e-3",),
 }
-HEAD = """| inputs | power [W] | largest T [K] | pool length [um] | depth in the plate [um] | roughness [um] | powder not melted | removed |
-|---|---|---|---|---|---|---|---|
-"""
+COLUMNS = (
+    "inputs", "power [W]", "largest T [K]", "pool length [um]", "depth in the plate [um]", "roughness [um]",
+    "powder not melted", "removed",
+)  # fmt: skip
+HEAD = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 
 def run(folder: Path, power: int, changes: tuple[str, ...]) -> None:

@@ -347,7 +347,7 @@ class Performance(Frozen):
     heat_clock: bool = Field(True, description="heat on its own, longer step")
     heat_steps_at_most: Annotated[int, Field(ge=1, le=100)] = Field(
         10,
-        description="flow steps per heat step, at most; at 18 the Marangoni force lags so far that a weld widens by 12 %",
+        description="flow steps per heat step, at most; at 18 the lagging Marangoni force widens a weld by 12 %",
     )
     keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
