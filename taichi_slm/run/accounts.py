@@ -63,6 +63,7 @@ class Accounts:
             "passed_through_J": self.incident - energy["absorbed"],
             "removed_kg": removed_mass,
             "momentum_error": self._momentum_error(found),
+            **{f"momentum_{axis}": float(part) for axis, part in zip("xyz", found[MOMENTUM:], strict=False)},
             "packing_low": low,
             "packing_mean": mean,
             "packing_high": high,

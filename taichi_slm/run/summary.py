@@ -50,6 +50,7 @@ def summarise(recorder: Recorder, status: str) -> dict[str, Any]:
             "removed_kg": row.get("removed_kg"),
             "removed": row["removed"],
         },
+        "momentum": {"relative_error": row.get("momentum_error")},
     }
 
 
