@@ -13,8 +13,6 @@ from taichi_slm.config.schema import Config
 
 UM = 1e-6
 
-OFF = {"surface_tension": False, "marangoni": False, "radiation": False, "viscous_heating": False}
-
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """``base`` with ``changes`` laid over it, mapping by mapping."""
@@ -25,18 +23,39 @@ def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def liquid(density: Any = 1000.0, **laws: Any) -> dict[str, Any]:
-    """A material without a solid; every law is a constant, or a mapping of the config."""
-    constants = {"density": density, "heat_capacity": 1000.0, "conductivity": 1.0, "viscosity": 1e-3, **laws}
-    material: dict[str, Any] = {"maximum_temperature": 5000}
-    for name, value in constants.items():
-        phase = name in ("density", "heat_capacity", "conductivity", "viscosity")
-        law = value if isinstance(value, dict) else {"constant": value}
-        if name in ("emissivity", "absorptivity", "maximum_temperature"):
-            material[name] = value
+def phase_laws(**laws: Any) -> dict[str, Any]:
+    """A material from numbers (a constant law), pairs of numbers (solid and liquid) and mappings (as in a config)."""
+    material: dict[str, Any] = {}
+    for name, value in laws.items():
+        if name in ("density", "heat_capacity", "conductivity", "viscosity") and not isinstance(value, dict):
+            pair = value if isinstance(value, tuple) else (None, value)
+            material[name] = {
+                phase: {"constant": number}
+                for phase, number in zip(("solid", "liquid"), pair, strict=True)
+                if number is not None
+            }
+        elif name == "surface_tension" and not isinstance(value, dict):
+            material[name] = {"constant": value}
         else:
-            material[name] = {"liquid": law} if phase else law
+            material[name] = value
     return material
+
+
+@pytest.fixture(scope="session")
+def liquid() -> Callable[..., dict[str, Any]]:
+    """A material without a solid, of constant properties unless they say otherwise."""
+    plain = {"density": 1000, "heat_capacity": 1000, "conductivity": 1, "viscosity": 1e-3}
+    return lambda **laws: phase_laws(**{**plain, "maximum_temperature": 5000, **laws})
+
+
+@pytest.fixture(scope="session")
+def melting() -> Callable[..., dict[str, Any]]:
+    """A metal that melts between 1673 and 1773 K, its properties constant in either phase (METHOD, exact answers)."""
+    plain = {
+        "solidus": 1673, "liquidus": 1773, "latent_heat": 2.6e5, "density": 7200, "heat_capacity": (711.2, 937.4),
+        "conductivity": 20.9, "viscosity": 0.006, "maximum_temperature": 6000,
+    }  # fmt: skip
+    return lambda **laws: phase_laws(**{**plain, **laws})
 
 
 @pytest.fixture(scope="session")
