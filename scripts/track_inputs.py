@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How the inputs that the paper leaves open change its power study: ``python scripts/track_inputs.py RUNS``.
 
-Runs track_150W at the paper's four powers for several sets of those inputs, two runs at a time, into RUNS (runs that
+Runs track_150W at the paper's powers for several sets of those inputs, two runs at a time, into RUNS (runs that
 are there already are kept), and writes the table docs/track_inputs.md.
 """
 
@@ -15,14 +15,13 @@ from taichi_slm.output.atomic import write_text
 from taichi_slm.run.run_folder import read_json
 
 ROOT = Path(__file__).resolve().parent.parent
-POWERS = (50, 100, 150, 200)
-SETS = {
-    "shipped: w 54 um, A 0.70, depth 6 um": (),
-    "A 0.50": ("laser.absorptivity=0.5",),
-    "A 0.90": ("laser.absorptivity=0.9",),
-    "w 27 um, A 0.35": ("laser.beam_radius=27e-6", "laser.absorptivity=0.35"),
-    "absorption depth 10 um": ("laser.absorption_depth=10e-6",),
-    "plate 0.15 mm deep": ("bodies.0.depth=0.15e-3",),
+ALL = (50, 100, 150, 200)
+SETS: dict[str, tuple[tuple[int, ...], tuple[str, ...]]] = {
+    "shipped: w 54 um, A 0.70, 1/alpha 6 um": (ALL, ()),
+    "A 0.50": (ALL, ("laser.absorptivity=0.5",)),
+    "w 27 um, A 0.35": (ALL, ("laser.beam_radius=27e-6", "laser.absorptivity=0.35")),
+    "1/alpha 10 um": ((150,), ("laser.absorption_depth=10e-6",)),
+    "plate 0.15 mm deep": ((150,), ("bodies.0.depth=0.15e-3",)),
 }
 COLUMNS = (
     "inputs", "power [W]", "largest T [K]", "pool length [um]", "depth in the plate [um]", "roughness [um]",
@@ -68,7 +67,7 @@ def main() -> None:
     parser.add_argument("runs", type=Path)
     runs: Path = parser.parse_args().runs
     jobs = [(runs / f"{number}_{power}W", power, changes, name)
-            for number, (name, changes) in enumerate(SETS.items()) for power in POWERS]  # fmt: skip
+            for number, (name, (powers, changes)) in enumerate(SETS.items()) for power in powers]  # fmt: skip
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda job: run(*job[:3]), jobs))
     table = "".join(row(folder, name, power) for folder, power, _, name in jobs)
