@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -11,28 +10,17 @@ from taichi_slm import backend
 from taichi_slm.backend import ti
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import BlowUpError
-from taichi_slm.materials.tables import enthalpy_at, tabulate
-from taichi_slm.physics.laser import LaserBins, line_power
-from taichi_slm.physics.material import MaterialTables
-from taichi_slm.physics.phase_change import RELEASE_BY, needed_tables, property_setter
-from taichi_slm.physics.viscosity import artificial_viscosity
+from taichi_slm.physics.laser import line_power
+from taichi_slm.physics.phase_change import RELEASE_BY
 from taichi_slm.run.accounts import Accounts
 from taichi_slm.scene.beam import BeamPath
 from taichi_slm.scene.build import build_scene
-from taichi_slm.scene.program import program_rate, program_temperature
+from taichi_slm.scene.program import program_temperature
 from taichi_slm.scene.scene import Scene
-from taichi_slm.solver.activity import WARM_FROM, Activity
-from taichi_slm.solver.discretisation import discretise
-from taichi_slm.solver.ejection import Ejection
-from taichi_slm.solver.flow import FlowPasses
-from taichi_slm.solver.heat import HOTTEST, HOTTEST_ID, LEFT_RIM, MOVING, WAITING, HeatPasses
-from taichi_slm.solver.ledger import Ledger
-from taichi_slm.solver.step import FlowStep
-from taichi_slm.solver.surface import SurfacePasses
-from taichi_slm.solver.timestep import StepLimits
-from taichi_slm.sph.cells import Cells
-from taichi_slm.sph.neighbours import Neighbours
-from taichi_slm.state import HELD, MOBILE, REMOVED, STILL, WALL, Needs, State
+from taichi_slm.solver.heat import HOTTEST, HOTTEST_ID, LEFT_RIM, MOVING, WAITING
+from taichi_slm.solver.initial import load_initial_state
+from taichi_slm.solver.model import Model
+from taichi_slm.state import REMOVED
 
 SNAPSHOT_ARRAYS = (
     "position", "velocity", "temperature", "liquid_fraction", "density", "pressure", "surface_force", "material",
@@ -61,146 +49,21 @@ class Simulation:
         self.beam = BeamPath(config.laser, config.dimension) if config.laser else None
         real = getattr(ti, precision)
         cpu = arch == "cpu"
-        self._build(real, serial=cpu and (threads == 1 or self.scene.count < config.performance.serial_below),
-                    ordered=cpu)  # fmt: skip
-        self._start()
-
-    # ----------------------------------------------------------------- set-up
-
-    def _build(self, real: Any, serial: bool, ordered: bool) -> None:
-        config, scene, physics, numerics = self.config, self.scene, self.config.physics, self.config.numerics
-        tension = physics.flow and (physics.surface_tension or physics.marangoni or physics.recoil)
-        losses = physics.heat and (physics.radiation or physics.evaporation)
-        packing = physics.flow and numerics.packing_correction > 0
-        needs = Needs(
-            flow=physics.flow, heat=physics.heat, surface=tension or losses or packing, tension=tension,
-            viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
-            printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
-        )  # fmt: skip
-        d, dx = scene.dimension, scene.spacing
-        self.disc = disc = discretise(d, dx, physics, numerics, config.gravity, config.ambient_temperature,
-                                      serial, ordered, real)  # fmt: skip
-        self.host_tables = tabulate(scene.materials, numerics.solid_density)
-        self.limits = StepLimits(config, self.host_tables)
-        self.state = state = State(scene.count, d, needs, real)
-        self.tables = tables = MaterialTables(self.host_tables, real, needed_tables(state))
-        self.ledger = Ledger(d)
-        alpha = artificial_viscosity(numerics.artificial_viscosity, disc.h, numerics.sound_speed, d)
-
-        skin = config.performance.skin * dx
-        near = disc.flow_kernel.support + skin
-        far = disc.surface_kernel.support + skin if needs.surface and needs.flow else None
-        margin = 2.0 * dx
-        lower, upper = scene.lower - margin, scene.upper + margin
-        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, ordered)
-        self.rows = rows = Neighbours(state, cells, near, far, dx, ordered)
-        rest, all_hot = self._rest_temperature()
-        self.bins = None
-        if config.laser and physics.heat:
-            self.bins = LaserBins(
-                config.laser, state, rows, lower, upper, dx, not config.performance.skip_dark
-            )
-        self.activity = Activity(state, cells, rows, config, rest, all_hot, self.bins)
-        evaporations = tuple(material.evaporation for material in scene.materials)
-        self.surface = None
-        if needs.surface:
-            self.surface = SurfacePasses(state, cells, rows, disc, self.ledger, evaporations,
-                                         config.performance.skip_interior)  # fmt: skip
-        self.flow_step = None
-        if needs.flow:
-            flow = FlowPasses(state, rows, disc, self.ledger)
-            minimum = numerics.minimum_neighbours
-            minimum = (3 if d == 2 else 6) if minimum is None else minimum
-            self.activity.flow = flow
-            self.activity.surface = self.surface
-            self.activity.ejection = Ejection(
-                state, rows, disc, self.ledger, scene.lower, scene.upper, minimum
-            )
-            self.flow_step = FlowStep(
-                numerics.integrator, flow, self.surface, self.activity, numerics.surface_every
-            )
-        self.heat = None
-        if needs.heat:
-            self.heat = HeatPasses(state, rows, disc, self.ledger, tables, self.host_tables.emissivity,
-                                   self.host_tables.band_heat_capacity, evaporations, alpha, WARM_FROM,
-                                   rest)  # fmt: skip
-            self.activity.heat = self.heat
-        self._set_everywhere, self._set_body = self._compile_setters(alpha)
-
-    def _rest_temperature(self) -> tuple[float, bool]:
-        """The commonest initial temperature [K], and whether all must count as hot because it is not the ambient's."""
-        values, counts = np.unique(self.scene.temperature, return_counts=True)
-        rest = float(values[np.argmax(counts)])
-        exchanges = self.config.physics.radiation or self.config.physics.evaporation
-        return rest, exchanges and abs(rest - self.config.ambient_temperature) > WARM_FROM
-
-    def _compile_setters(self, alpha: float) -> tuple[Any, Any]:
-        state = self.state
-        set_properties = property_setter(state, self.tables, alpha)
-        body = ti.field(ti.i32, shape=state.count)
-        body.from_numpy(self.scene.body.astype(np.int32))
-
-        @ti.kernel
-        def set_everywhere():
-            for a in range(state.count):
-                set_properties(a, state.temperature[a])
-
-        @ti.kernel
-        def set_body(number: ti.i32, T: ti.f64):
-            for a in range(state.count):
-                if body[a] == number:
-                    set_properties(a, ti.cast(T, state.real))
-
-        return set_everywhere, set_body
-
-    def _start(self) -> None:
-        scene, state, tables = self.scene, self.state, self.host_tables
-        T, m = scene.temperature, scene.material
-        solidus = tables.segment_start[m, 1]
-        mobile = (T > solidus) & ~scene.wall & self.config.physics.flow
-        density = _look_up(tables, "density", m, T) + self._hydrostatic_excess(mobile)
-        mass = density * scene.volume
-        velocity = np.where(mobile[:, None], self._initial_velocity(density), 0.0)
-        state.load(position=scene.position, temperature=T, material=m, mass=mass, density=density,
-                   volume=scene.volume, kind=WALL * scene.wall + HELD * scene.held,
-                   velocity=velocity, mobility=np.where(mobile, MOBILE, STILL))  # fmt: skip
-        self.initial_momentum = np.sum(mass[:, None] * velocity, axis=0)
-        if state.needs.heat:
-            H = np.array([enthalpy_at(tables, int(k), float(t)) for k, t in _unique_pairs(m, T)])
-            index = _pair_index(m, T)
-            state.load(enthalpy=H[index], enthalpy_initial=H[index])
-        if state.needs.flow:
-            state.load(shepard=np.ones(scene.count))
-        self._set_everywhere()
-        self.hottest, self.hottest_id = float(T.max()), int(T.argmax())
-        self.moving = int(np.count_nonzero(mobile))
+        serial = cpu and (threads == 1 or self.scene.count < config.performance.serial_below)
+        self.model = model = Model(config, self.scene, real, serial=serial, ordered=cpu)
+        self.disc, self.state, self.rows, self.ledger = model.disc, model.state, model.rows, model.ledger
+        self.activity, self.surface, self.flow_step = model.activity, model.surface, model.flow_step
+        self.heat, self.bins, self.limits, self.host_tables = (
+            model.heat,
+            model.bins,
+            model.limits,
+            model.host_tables,
+        )
+        beginning = load_initial_state(model)
+        self.initial_momentum, self.moving = beginning.momentum, beginning.moving
+        self.hottest, self.hottest_id = beginning.hottest, beginning.hottest_id
         self.accounts = Accounts(self)
         self.initial_mass = self.accounts.present_mass()
-
-    def _hydrostatic_excess(self, mobile: np.ndarray) -> np.ndarray:
-        """Density [kg/m^3] above the reference one under which liquid at rest carries what lies above it, shape [n]."""
-        excess = np.zeros(self.scene.count)
-        if self.config.gravity != 0.0 and mobile.any():
-            height = self.scene.position[mobile, -1]
-            top = height.max() + 0.5 * self.scene.spacing
-            m, T = self.scene.material[mobile], self.scene.temperature[mobile]
-            weight = _look_up(self.host_tables, "density", m, T) * self.config.gravity  # [N/m^3]
-            excess[mobile] = weight * (top - height) / self.config.numerics.sound_speed**2
-        return excess
-
-    def _initial_velocity(self, density: np.ndarray) -> np.ndarray:
-        scene = self.scene
-        velocity = scene.velocity.copy()
-        for number in scene.follows_density:
-            own = scene.body == number
-            rate = program_rate(scene.programs[number], 0.0)
-            T, m = scene.temperature[own], scene.material[own]
-            warmer, cooler = (_look_up(self.host_tables, "density", m, T + by) for by in (0.01, -0.01))
-            slope = (warmer - cooler) / 0.02
-            expansion = -slope * rate / density[own]  # div u = -(1/rho) drho/dt
-            centre = scene.position[own].mean(axis=0)
-            velocity[own] += (expansion / scene.dimension)[:, None] * (scene.position[own] - centre)
-        return velocity
 
     def compile(self) -> None:
         """Compile every kernel by launching it over no particles; then find the neighbours."""
@@ -329,7 +192,7 @@ class Simulation:
 
     def _impose(self, t: float) -> None:
         for number, program in self.scene.programs.items():
-            self._set_body(number, program_temperature(program, t))
+            self.model.set_body(number, program_temperature(program, t))
 
     def _heat(self, span: float, centre: tuple[float, ...] | None) -> None:
         assert self.heat is not None
@@ -430,21 +293,3 @@ class Simulation:
         if self.bins is not None:
             self.bins.floor[None] = floor
         self._search_anew()
-
-
-def _look_up(tables: Any, name: str, material: np.ndarray, temperature: np.ndarray) -> np.ndarray:
-    values = np.empty(len(temperature))
-    for m in np.unique(material):
-        own = material == m
-        values[own] = np.interp(temperature[own], tables.temperature[m], getattr(tables, name)[m])
-    return values
-
-
-def _unique_pairs(material: np.ndarray, temperature: np.ndarray) -> np.ndarray:
-    return np.unique(np.column_stack([material.astype(float), temperature]), axis=0)
-
-
-def _pair_index(material: np.ndarray, temperature: np.ndarray) -> np.ndarray:
-    pairs = np.column_stack([material.astype(float), temperature])
-    index: np.ndarray = np.unique(pairs, axis=0, return_inverse=True)[1]
-    return index.reshape(-1)

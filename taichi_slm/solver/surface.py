@@ -197,7 +197,8 @@ class SurfacePasses:
                     kappa, clipped = curvature(divergence, weight, strength)
                     if clipped:
                         ti.atomic_add(clamps[CURVATURE_CLIPS], 1)
-                    force = -state.surface_tension[a] * kappa * state.colour_gradient[a]
+                    if ti.static(physics.surface_tension):
+                        force = -state.surface_tension[a] * kappa * state.colour_gradient[a]
                     if ti.static(marangoni):
                         gradient = plain / gamma
                         if ti.static(renormalise):
