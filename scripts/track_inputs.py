@@ -17,11 +17,12 @@ from taichi_slm.run.run_folder import read_json
 ROOT = Path(__file__).resolve().parent.parent
 ALL = (50, 100, 150, 200)
 SETS: dict[str, tuple[tuple[int, ...], tuple[str, ...]]] = {
-    "shipped: w 54 um, A 0.70, 1/alpha 6 um": (ALL, ()),
+    "shipped: w 54 um, A 0.75, 1/alpha 6 um": (ALL, ()),
     "A 0.50": (ALL, ("laser.absorptivity=0.5",)),
     "w 27 um, A 0.35": (ALL, ("laser.beam_radius=27e-6", "laser.absorptivity=0.35")),
     "1/alpha 10 um": ((150,), ("laser.absorption_depth=10e-6",)),
     "plate 0.15 mm deep": ((150,), ("bodies.0.depth=0.15e-3",)),
+    "A 0.70": (ALL, ("laser.absorptivity=0.7",)),
 }
 COLUMNS = (
     "inputs", "power [W]", "largest T [K]", "pool length [um]", "depth in the plate [um]", "roughness [um]",

@@ -1,5 +1,6 @@
 """A stand-in for the simulation: a comet of heat runs over a powder row, in closed form."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -152,7 +153,11 @@ class FakeSimulation:
         late = np.clip((self._beam() - start[:, :1] - 10e-6) / 60e-6, 0.0, 1.0)
         return start + (self.ever_liquid[:, None] > 0) * late * (self._settled - start)
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self, names: Sequence[str] | None = None) -> dict[str, np.ndarray]:
+        every = self._arrays()
+        return every if names is None else {name: every[name] for name in names}
+
+    def _arrays(self) -> dict[str, np.ndarray]:
         temperature = self._temperature()
         fraction = np.clip((temperature - SOLIDUS) / (LIQUIDUS - SOLIDUS), 0.0, 1.0)
         velocity = np.zeros_like(self.scene.position)

@@ -117,6 +117,6 @@ def _pictures(report: dict[str, Any] | None, said: str) -> list[Finding]:
         return [Finding("pictures", f"yes ({report['window']})")]
     reason = said if report is None else "the picture stays empty"
     missing = next((package for library, package in GL_PACKAGES.items() if library in reason), None)
-    packages = missing or "libgl1 libegl1 libosmesa6"
+    packages = missing or "libgl1 libegl1"
     advice = f"no: {reason}. Runs finish without pictures; on Debian: apt install {packages}"
     return [Finding("pictures", advice, False)]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 RENDER_SECONDS = 1800
-GL_PACKAGES = "libgl1 libegl1 libosmesa6"
+GL_PACKAGES = "libgl1 libegl1"
 
 
 def execute(

@@ -93,7 +93,7 @@ class RunFolder:
 
     @property
     def analysis(self) -> Path:
-        """Folder of what `taichi-slm analyse` writes."""
+        """Folder for analyses of the run."""
         return self.path / "analysis"
 
     @property
