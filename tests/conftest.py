@@ -7,9 +7,11 @@ never a simulation.
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from taichi_slm.config.schema import Config
+from taichi_slm.materials.tables import enthalpy_at
 
 UM = 1e-6
 
@@ -66,6 +68,19 @@ def configure() -> Callable[..., Config]:
         return Config.model_validate(merged({"dimension": 2, "time": {"end": 1.0}}, keys))
 
     return build
+
+
+@pytest.fixture(scope="session")
+def impose() -> Callable[..., None]:
+    """Give the particles of a simulation of one material temperatures [K], and all that follows from them."""
+
+    def temperatures(sim: Any, values: np.ndarray) -> None:
+        sim.state.load(temperature=values)
+        if sim.state.needs.heat:
+            sim.state.load(enthalpy=enthalpy_at(sim.host_tables, 0, values))
+        sim.model.set_everywhere()
+
+    return temperatures
 
 
 @pytest.fixture(scope="session")

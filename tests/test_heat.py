@@ -12,7 +12,7 @@ from scipy.special import erf, erfc
 from taichi_slm import backend
 from taichi_slm.backend import ti
 from taichi_slm.config.material import Evaporation
-from taichi_slm.materials.tables import enthalpy_at, temperature_at
+from taichi_slm.materials.tables import temperature_at
 from taichi_slm.physics.evaporation import (
     ESCAPING_SHARE,
     RECOIL_SHARE,
@@ -73,6 +73,7 @@ def test_a_sine_decays_as_it_must_and_better_on_a_finer_lattice(configure, melti
     assert errors[-1] < 0.02
 
 
+@pytest.mark.slow
 def test_two_unlike_slabs_meet_at_the_temperature_of_their_effusivities(configure, liquid):
     """Two half spaces of other k and rho c: erf profiles about a constant contact temperature."""
     dx, half = 1 * UM, 40
@@ -142,8 +143,10 @@ def test_held_layers_hold_and_their_heat_is_booked(configure, melting):
 TINY = {"shape": "box", "corner": [0, 0], "size": [20 * UM, 15 * UM], "material": "metal"}
 
 
-@pytest.fixture(params=["rkl2", "heun", "trapezoid", "euler"], scope="module")
-def scheme(request, configure, melting):
+@pytest.fixture(
+    params=["rkl2", "heun", "trapezoid", pytest.param("euler", marks=pytest.mark.slow)], scope="module"
+)
+def scheme(request, configure, melting, impose):
     """A block of 4 x 3 particles of constant properties under one heat scheme.
 
     Changes of a decaying cosine when its steps are halved and halved again; and where a molten and a cold half end.
@@ -155,25 +158,20 @@ def scheme(request, configure, melting):
     )  # fmt: skip
     sim = start(config, lambda x: np.where(x[:, 0] < 10 * UM, 2600.0, 900.0))
     sim.compile()
-    halves = {name: sim.state.array(name) for name in ("temperature", "enthalpy")}
-
-    def begin(temperature, enthalpy):
-        sim.state.load(temperature=temperature, enthalpy=enthalpy)
-        sim._set_everywhere()
-
+    halves, heat = sim.temperature, sim.state.array("enthalpy")
     wave = 900 + 300 * np.cos(np.pi * sim.position[:, 0] / (20 * UM))
     stable = sim.limits.euler(1200.0)
     ends = []
     for splits in (2, 4, 8):
-        begin(wave, enthalpy_at(sim.host_tables, 0, wave))
+        impose(sim, wave)
         for _ in range(8 * splits):
             sim.heat.step(stable / splits, False, stable)
         ends.append(sim.temperature)
     changes = [float(np.abs(b - a).max()) for a, b in pairwise(ends)]
 
-    begin(**halves)
+    impose(sim, halves)
     sim.run()
-    expected = float(temperature_at(sim.host_tables, 0, halves["enthalpy"].mean()))
+    expected = float(temperature_at(sim.host_tables, 0, heat.mean()))
     return request.param, changes, sim.temperature, expected, sim.diagnostics()["stored_J"]
 
 

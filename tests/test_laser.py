@@ -172,7 +172,7 @@ def test_absorbed_and_passed_through_make_up_the_power(configure, dimension):
             assert power == pytest.approx(host, abs=1e-11 * host.max())
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_is_skipped_as_dark_is_dark(configure, dimension):
     """The beam comes over the row of powder in half bins, as in a run; light that goes deep is cut off."""
     sim = Simulation(lit_scene(configure, dimension, False, depth=None))  # 1/alpha is a third of a bin
@@ -191,7 +191,7 @@ def test_what_is_skipped_as_dark_is_dark(configure, dimension):
         assert np.count_nonzero(power) < 0.9 * sim.scene.count  # and something was cut off
 
 
-@pytest.mark.parametrize("bin_size", [4.1 * UM, 7.5 * UM])
+@pytest.mark.parametrize("bin_size", [7.5 * UM, pytest.param(4.1 * UM, marks=pytest.mark.slow)])
 def test_particles_at_random_places_keep_the_power(configure, bin_size):
     """Crowded and empty bins, of a size that does not fit the lattice: fillings beyond one do not absorb more."""
     sim = Simulation(lit_scene(configure, 2, True, bin_size, depth=6 * UM))
@@ -248,7 +248,14 @@ def test_beer_lambert_through_a_slab(configure):
 # --------------------------------------------------------------------------- energy over time
 
 
-@pytest.mark.parametrize("pulse", [{"on": 1e-9, "off": 1.7e-6}, {"on": 0.6e-6, "off": 0.25e-6}, None])
+@pytest.mark.parametrize(
+    "pulse",
+    [
+        {"on": 1e-9, "off": 1.7e-6},
+        pytest.param({"on": 0.6e-6, "off": 0.25e-6}, marks=pytest.mark.slow),
+        pytest.param(None, marks=pytest.mark.slow),
+    ],
+)
 def test_energy_of_pulses_is_exact(configure, pulse):
     """A pulse of 1 ns in steps of a tenth of a microsecond is neither missed nor lengthened."""
     config = configure(
