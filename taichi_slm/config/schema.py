@@ -265,7 +265,7 @@ class Numerics(Frozen):
         0.2, description="dt_heat <= factor rho c h^2/k (44); 0.125 is printed"
     )
     temperature_step: PositiveNumber = Field(
-        100.0,
+        200.0,
         description="largest rise by the laser in one heat step [K]; bounds the heat step while the beam is on",
     )
     maximum_step: PositiveTime | None = None

@@ -156,9 +156,10 @@ class Simulation:
                 heat_dt, name = self._beam_step(), "laser"
             if heat_dt < flow_dt:
                 flow_dt, limiter = heat_dt, name
-            span = (
-                min(heat_dt, performance.heat_steps_at_most * flow_dt) if performance.heat_clock else flow_dt
-            )
+            span = flow_dt
+            if performance.heat_clock:
+                span = min(heat_dt, performance.heat_steps_at_most * flow_dt)
+                span = self.limits.without_waste(span, self.hottest)
         if numerics.maximum_step is not None and numerics.maximum_step < flow_dt:
             flow_dt, limiter = numerics.maximum_step, "maximum_step"
             span = min(span, FLOW_ONLY_STEPS * flow_dt)

@@ -20,18 +20,11 @@ from taichi_slm.physics.phase_change import phase_setter, property_setter
 from taichi_slm.physics.radiation import radiated_flux
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import MOMENTUM, Ledger
+from taichi_slm.solver.timestep import stages_for
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import HELD, MOBILE, State
 
 POWERS = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")  # accounts of the heat passes
-
-
-def stages_for(ratio: float) -> int:
-    """Fewest stages (odd, 3 or more) of Runge-Kutta-Legendre for a step of ``ratio`` stable Euler steps."""
-    stages = 3
-    while (stages * stages + stages - 2) / 4.0 < ratio * (1.0 - 1e-9):
-        stages += 2
-    return stages
 
 
 # what `phases` reports

@@ -3,6 +3,7 @@
 Each limit is a term's own ``stable_dt``; this page only finds the extreme properties that a scene can have.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +12,19 @@ from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import PropertyTables, tabulate
 from taichi_slm.physics import conduction, equation_of_state, laser, surface_tension, viscosity
+
+
+def euler_steps(stages: int) -> float:
+    """Stable Euler steps that one step of Runge-Kutta-Legendre with ``stages`` stages is worth (Meyer et al. 2014)."""
+    return (stages * stages + stages - 2) / 4.0
+
+
+def stages_for(ratio: float) -> int:
+    """Fewest stages (odd, 3 or more) of Runge-Kutta-Legendre for a step of ``ratio`` stable Euler steps."""
+    stages = 3
+    while euler_steps(stages) < ratio * (1.0 - 1e-9):
+        stages += 2
+    return stages
 
 
 class StepLimits:
@@ -75,9 +89,17 @@ class StepLimits:
 
     def heat(self, hottest: float) -> float:
         """Limit [s] of the heat scheme at ``hottest`` [K]."""
-        stages = self._numerics.heat_stages
-        longer = (stages**2 + stages - 2) / 4.0 if self._numerics.heat_scheme == "rkl2" else 1.0
+        longer = euler_steps(self._numerics.heat_stages) if self._numerics.heat_scheme == "rkl2" else 1.0
         return longer * self.euler(hottest)
+
+    def without_waste(self, span: float, hottest: float) -> float:
+        """The heat step [s], at most ``span``, that gets the most out of its last pair of stages."""
+        if self._numerics.heat_scheme != "rkl2" or math.isinf(span):
+            return span
+        stable = self.euler(hottest)
+        stages = stages_for(span / stable)
+        full = euler_steps(stages - 2) * stable
+        return full if stages > 3 and full / (stages - 2) > span / stages else span
 
     def euler(self, hottest: float) -> float:
         """Limit [s] of an explicit Euler step of heat at ``hottest`` [K]."""

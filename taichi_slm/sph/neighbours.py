@@ -145,7 +145,7 @@ class Neighbours:
         reach = cells.reach(far or near)
         near_reach = cells.reach(near)
         near2, far2 = near**2, (far or near) ** 2
-        rows, ends, listed, zone, overflow = self.rows, self.ends, self.listed, self._zone, self.overflow
+        rows, ends, listed, overflow = self.rows, self.ends, self.listed, self.overflow
         near_capacity, far_capacity = self.near_capacity, self.far_capacity
 
         @ti.func
@@ -198,13 +198,14 @@ class Neighbours:
                 if ti.static(needs_flow):
                     if state.mobility[a] == MOBILE:
                         state.reference_position[a] = x
-                settled = (zone[c] & 1) == 0
-                done = 0
+                settled = k >= ends[1]  # nobody who moves is within reach
                 if ti.static(wide_lists):
-                    if k < ends[1]:
+                    if not settled:
                         search_both(a, x, c)
-                        done = 1
-                if done == 0 and (listed[a] == 0 or not settled):
+                elif ti.static(needs_flow):
+                    if not settled:
+                        search_near(a, x, c)
+                if settled and listed[a] == 0:
                     search_near(a, x, c)
                 listed[a] = ti.cast(settled, ti.i32)
 
