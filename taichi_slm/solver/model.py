@@ -66,7 +66,8 @@ class Model:
         far = disc.surface_kernel.support + skin if needs.surface and needs.flow else None
         margin = 2.0 * dx
         lower, upper = scene.lower - margin, scene.upper + margin
-        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, ordered)
+        widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
+        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, ordered)
         self.rows = Neighbours(state, cells, near, far, dx, ordered)
         self.bins = None
         if config.laser and needs.heat:

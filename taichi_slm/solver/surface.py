@@ -56,12 +56,12 @@ class SurfacePasses:
             self.evaluations += self.mobile
 
     def _compile_colour(self, state: State, cells: Cells, rows: Neighbours, disc: Discretisation) -> Any:
-        numerics, d = disc.numerics, disc.dimension
+        numerics = disc.numerics
         _, F = disc.surface_kernel.functions()
         gamma_form = disc.uses_shepard and numerics.colour_gradient == "gamma"
         cut = numerics.normal_cut / disc.h_surface
         support2 = disc.surface_kernel.support**2
-        reach = int(disc.surface_kernel.support / cells.size) + 1
+        window = cells.window(cells.reach(disc.surface_kernel.support))
         inside = INSIDE * disc.flat.largest / disc.h_surface
         serial, ordered = disc.serial, disc.ordered
         near_surface, ends = self._near_surface, self._ends
@@ -90,13 +90,12 @@ class SurfacePasses:
             for a in range(state.count):
                 c = cells.cell_of(state.position[a])
                 total = state.position[a] * 0.0
-                for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
-                    e = c + offset
-                    if cells.exists(e):
-                        for slot in range(cells.count[e]):
-                            b = cells.items[e, slot]
-                            if b != a and (state.position[a] - state.position[b]).norm_sqr() < support2:
-                                total += pair(a, b)
+                for w in range(window.shape[0]):
+                    e = c + window[w]
+                    for slot in range(cells.count[e]):
+                        b = cells.items[e, slot]
+                        if b != a and (state.position[a] - state.position[b]).norm_sqr() < support2:
+                            total += pair(a, b)
                 store(a, total)
 
         @ti.kernel

@@ -5,6 +5,7 @@ in every run. A fuller cell is an error that the host reads, never a truncation.
 """
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,42 +17,43 @@ CELL_MOBILE, CELL_WARM = 1, 2  # bits of `mark`
 
 
 class Cells:
-    """A grid of cells of edge ``size`` [m] over the domain [lower, upper] [m]."""
+    """A grid of cells of edge ``size`` [m] over the domain [lower, upper] [m].
 
-    def __init__(
-        self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, serial: bool
-    ):
+    Cells are numbered; ``window(radius)`` has the differences of number to the cells around. A border of empty
+    cells, as wide as the widest window, saves every search the question whether a cell exists.
+    """
+
+    def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, widest: float,
+                 serial: bool):  # fmt: skip
         d = state.dimension
         self.size = size
-        self.shape = tuple(int(math.ceil((u - o) / size)) + 1 for o, u in zip(lower, upper, strict=True))
+        self.border = self.reach(widest)
+        self.shape = tuple(
+            int(math.ceil((u - o) / size)) + 1 + 2 * self.border for o, u in zip(lower, upper, strict=True)
+        )
+        self.total = int(np.prod(self.shape))
         self.capacity = int(3.0 * (size / dx) ** d) + 8
-        self.count = ti.field(ti.i32, shape=self.shape)
-        self.items = ti.field(ti.i32, shape=(*self.shape, self.capacity))
-        self.mark = ti.field(ti.i32, shape=self.shape)
+        self.count = ti.field(ti.i32, shape=self.total)
+        self.items = ti.field(ti.i32, shape=(self.total, self.capacity))
+        self.mark = ti.field(ti.i32, shape=self.total)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle that found no room, or -1
         self.invalid = ti.field(ti.i32, shape=())  # id of a particle without a finite place, or -1
 
         origin = ti.Vector([float(x) for x in lower])
-        inverse = 1.0 / size
-        top = ti.Vector([n - 1 for n in self.shape])
+        inverse, border = 1.0 / size, self.border
+        top = ti.Vector([n - 1 - 2 * border for n in self.shape])
+        stride = ti.Vector([int(x) for x in self._strides()])
         count, items, mark, overflow, invalid = self.count, self.items, self.mark, self.overflow, self.invalid
         capacity = self.capacity
 
         @ti.func
         def cell_of(x):
-            return ti.max(0, ti.min(top, ti.cast((x - origin) * inverse, ti.i32)))
-
-        @ti.func
-        def exists(c):
-            inside = 1
-            for axis in ti.static(range(d)):
-                if c[axis] < 0 or c[axis] > top[axis]:
-                    inside = 0
-            return inside
+            place = ti.max(0, ti.min(top, ti.cast((x - origin) * inverse, ti.i32))) + border
+            return (place * stride).sum()
 
         @ti.kernel
         def clear():
-            for c in ti.grouped(count):
+            for c in count:
                 count[c] = 0
                 mark[c] = 0
             overflow[None] = -1
@@ -86,7 +88,7 @@ class Cells:
 
         @ti.kernel
         def sort():
-            for c in ti.grouped(count):
+            for c in count:
                 n = ti.min(count[c], capacity)
                 for j in range(1, n):
                     value = items[c, j]
@@ -97,8 +99,18 @@ class Cells:
                     items[c, place] = value
 
         self.cell_of: Any = cell_of
-        self.exists: Any = exists
         self._clear, self._fill, self._sort, self._serial = clear, fill, sort, serial
+
+    def _strides(self) -> np.ndarray:
+        return np.append(np.cumprod(self.shape[:0:-1])[::-1], 1)
+
+    def window(self, cells: int) -> Any:
+        """Differences of number to the cells up to ``cells`` away on each axis, i32, shape [(2 cells + 1)^d]."""
+        around = np.array(list(product(range(-cells, cells + 1), repeat=len(self.shape))))
+        values = (around @ self._strides()).astype(np.int32)
+        field = ti.field(ti.i32, shape=len(values))
+        field.from_numpy(values)
+        return field
 
     def reach(self, radius: float) -> int:
         """Cells to look at on each side for everything within ``radius`` [m]."""

@@ -44,13 +44,13 @@ class Neighbours:
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.total = 0
         # bits: within reach of a mobile cell, of a warm cell ...
-        self._zone = ti.field(ti.i32, shape=cells.shape)
+        self._zone = ti.field(ti.i32, shape=cells.total)
         self._dilate, self._collect = self._compile_rows(state, cells, far or near, serial)
         self._search = self._compile_search(state, cells, near, far)
 
     def _compile_rows(self, state: State, cells: Cells, radius: float, serial: bool) -> tuple[Any, Any]:
         d = state.dimension
-        reach = cells.reach(radius)
+        window, ring = cells.window(cells.reach(radius)), cells.window(RING)
         far2 = radius**2
         rows, core, ends, zone = self.rows, self.core, self.ends, self._zone
         near_mobile, near_warm, beside_warm = 1, 2, 4
@@ -58,27 +58,27 @@ class Neighbours:
 
         @ti.kernel
         def dilate():
-            for c in ti.grouped(zone):
+            for c in zone:
                 bits = 0
                 if cells.count[c] > 0:
-                    for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
-                        e = c + offset
-                        if cells.exists(e):
-                            mark = cells.mark[e]
-                            if mark & CELL_MOBILE:
-                                bits |= near_mobile
-                            if mark & CELL_WARM:
-                                bits |= near_warm
-                                if abs(offset).max() <= RING:
-                                    bits |= beside_warm
+                    for w in range(window.shape[0]):
+                        mark = cells.mark[c + window[w]]
+                        if mark & CELL_MOBILE:
+                            bits |= near_mobile
+                        if mark & CELL_WARM:
+                            bits |= near_warm
+                    if bits & near_warm:
+                        for w in range(ring.shape[0]):
+                            if cells.mark[c + ring[w]] & CELL_WARM:
+                                bits |= beside_warm
                 zone[c] = bits
 
         @ti.func
         def touches_mobile(a, c):
             found = 0
-            for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
-                e = c + offset
-                if found == 0 and cells.exists(e) and (cells.mark[e] & CELL_MOBILE) != 0:
+            for w in range(window.shape[0]):
+                e = c + window[w]
+                if found == 0 and (cells.mark[e] & CELL_MOBILE) != 0:
                     for slot in range(cells.count[e]):
                         b = cells.items[e, slot]
                         if state.mobility[b] == MOBILE:
@@ -105,7 +105,7 @@ class Neighbours:
         def collect(all_flow: ti.i32, all_hot: ti.i32, low: Corner, high: Corner):
             ends[0] = 0
             ti.loop_config(serialize=serial)
-            for c in ti.grouped(zone):
+            for c in zone:
                 if (cells.mark[c] & CELL_MOBILE) != 0:
                     for slot in range(cells.count[c]):
                         a = cells.items[c, slot]
@@ -113,7 +113,7 @@ class Neighbours:
                             append(0, a, 1)
             ends[1] = ends[0]
             ti.loop_config(serialize=serial)
-            for c in ti.grouped(zone):
+            for c in zone:
                 if all_flow == 1 or (all_flow == 0 and (zone[c] & near_mobile) != 0):
                     for slot in range(cells.count[c]):
                         a = cells.items[c, slot]
@@ -124,7 +124,7 @@ class Neighbours:
                                 append(1, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
             ends[2] = ends[1]
             ti.loop_config(serialize=serial)
-            for c in ti.grouped(zone):
+            for c in zone:
                 if all_hot >= 0:
                     warm = all_hot == 1 or (zone[c] & near_warm) != 0
                     for slot in range(cells.count[c]):
@@ -141,9 +141,8 @@ class Neighbours:
         return dilate, collect
 
     def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> Any:
-        d, needs_flow, wide_lists = state.dimension, state.needs.flow, far is not None
-        reach = cells.reach(far or near)
-        near_reach = cells.reach(near)
+        needs_flow, wide_lists = state.needs.flow, far is not None
+        window, near_window = cells.window(cells.reach(far or near)), cells.window(cells.reach(near))
         near2, far2 = near**2, (far or near) ** 2
         rows, ends, listed, overflow = self.rows, self.ends, self.listed, self.overflow
         near_capacity, far_capacity = self.near_capacity, self.far_capacity
@@ -151,15 +150,14 @@ class Neighbours:
         @ti.func
         def search_near(a, x, c):
             n = 0
-            for offset in ti.grouped(ti.ndrange(*((-near_reach, near_reach + 1),) * d)):
-                e = c + offset
-                if cells.exists(e):
-                    for slot in range(cells.count[e]):
-                        b = cells.items[e, slot]
-                        if (x - state.position[b]).norm_sqr() < near2 and b != a:
-                            if n < near_capacity:
-                                self.near[a, n] = b
-                            n += 1
+            for w in range(near_window.shape[0]):
+                e = c + near_window[w]
+                for slot in range(cells.count[e]):
+                    b = cells.items[e, slot]
+                    if (x - state.position[b]).norm_sqr() < near2 and b != a:
+                        if n < near_capacity:
+                            self.near[a, n] = b
+                        n += 1
             if n > near_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
@@ -168,21 +166,20 @@ class Neighbours:
         def search_both(a, x, c):
             n = 0
             m = 0
-            for offset in ti.grouped(ti.ndrange(*((-reach, reach + 1),) * d)):
-                e = c + offset
-                if cells.exists(e):
-                    for slot in range(cells.count[e]):
-                        b = cells.items[e, slot]
-                        r2 = (x - state.position[b]).norm_sqr()
-                        if r2 < near2:
-                            if b != a:
-                                if n < near_capacity:
-                                    self.near[a, n] = b
-                                n += 1
-                        elif r2 < far2:
-                            if m < far_capacity:
-                                self.far[a, m] = b
-                            m += 1
+            for w in range(window.shape[0]):
+                e = c + window[w]
+                for slot in range(cells.count[e]):
+                    b = cells.items[e, slot]
+                    r2 = (x - state.position[b]).norm_sqr()
+                    if r2 < near2:
+                        if b != a:
+                            if n < near_capacity:
+                                self.near[a, n] = b
+                            n += 1
+                    elif r2 < far2:
+                        if m < far_capacity:
+                            self.far[a, m] = b
+                        m += 1
             if n > near_capacity or m > far_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
