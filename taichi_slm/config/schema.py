@@ -312,7 +312,7 @@ class Numerics(Frozen):
         "rkl2", description="rkl2: Runge-Kutta-Legendre, explicit; trapezoid: fixed point of Algorithm 1"
     )
     heat_stages: Annotated[int, Field(ge=3, le=31)] = Field(
-        7, description="of rkl2, at most; its stable step grows as their square"
+        5, description="of rkl2, at most; its stable step grows as their square"
     )
     fixed_point_tolerance: PositiveNumber = Field(1e-8, description="of the trapezoid, relative")
     fixed_point_sweeps: Annotated[int, Field(ge=1)] = Field(

@@ -23,11 +23,15 @@ RING = 1  # cells between the warm and the rim of the hot set
 class Neighbours:
     """Rows and lists; ``mobile``, ``flow`` and ``total`` are the host's copies of the group ends.
 
+    ``near``, ``far`` [m]: radii of the lists, with the skin; ``rim`` [m]: how far beyond the warm cells particles
+    count as hot, which is as far as heat can come in one heat step.
     Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``.
     """
 
-    def __init__(self, state: State, cells: Cells, near: float, far: float | None, dx: float, serial: bool):
+    def __init__(self, state: State, cells: Cells, near: float, far: float | None, rim: float, dx: float,
+                 serial: bool):  # fmt: skip
         d = state.dimension
+        self._growth = max(0, cells.reach(rim) - cells.reach(far or near))
         ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
         self.near_capacity = int(1.5 * ball(near / dx)) + 12
         self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
@@ -45,10 +49,10 @@ class Neighbours:
         self.mobile = self.flow = self.total = 0
         # bits: within reach of a mobile cell, of a warm cell ...
         self._zone = ti.field(ti.i32, shape=cells.total)
-        self._dilate, self._collect = self._compile_rows(state, cells, far or near, serial)
+        self._dilate, self._grow, self._collect = self._compile_rows(state, cells, far or near, serial)
         self._search = self._compile_search(state, cells, near, far)
 
-    def _compile_rows(self, state: State, cells: Cells, radius: float, serial: bool) -> tuple[Any, Any]:
+    def _compile_rows(self, state: State, cells: Cells, radius: float, serial: bool) -> tuple[Any, ...]:
         d = state.dimension
         window, ring = cells.window(cells.reach(radius)), cells.window(RING)
         far2 = radius**2
@@ -72,6 +76,18 @@ class Neighbours:
                             if cells.mark[c + ring[w]] & CELL_WARM:
                                 bits |= beside_warm
                 zone[c] = bits
+
+        @ti.kernel
+        def grow():
+            """One more ring of cells around the hot ones."""
+            for c in zone:
+                grown[c] = zone[c]
+                if cells.count[c] > 0 and (zone[c] & near_warm) == 0:
+                    for w in range(ring.shape[0]):
+                        if zone[c + ring[w]] & near_warm:
+                            grown[c] = zone[c] | near_warm
+            for c in zone:
+                zone[c] = grown[c]
 
         @ti.func
         def touches_mobile(a, c):
@@ -138,7 +154,8 @@ class Neighbours:
                                 append(2, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
 
         chosen = ti.field(ti.i32, shape=state.count)
-        return dilate, collect
+        grown = ti.field(ti.i32, shape=cells.total)
+        return dilate, grow, collect
 
     def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> Any:
         needs_flow, wide_lists = state.needs.flow, far is not None
@@ -215,6 +232,8 @@ class Neighbours:
         ``beam``: lowest and highest corner [m] of the box in which particles are lit.
         """
         self._dilate()
+        for _ in range(self._growth):
+            self._grow()
         self._collect(all_flow, all_hot, *beam)
         self.mobile, self.flow, self.total = (int(n) for n in self.ends.to_numpy())
         self._search()
