@@ -1,0 +1,198 @@
+"""Runs to the end: a track and a weld that melt and freeze, restarts, and what is not there when it is off."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from taichi_slm.analysis.melt_pool import groups
+from taichi_slm.config.load import load_config
+from taichi_slm.errors import BlowUpError
+from taichi_slm.run.driver import execute
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.state import MOBILE
+
+UM = 1e-6
+
+TRACK = """
+title: Tiny track
+dimension: 2
+spacing: 5 um
+bodies:
+  - {shape: plate, length: 0.24 mm, depth: 0.08 mm}
+  - {shape: powder_row, start: 60 um, length: 120 um, radius: 20 um}
+laser:
+  power: 80 W
+  beam_radius: 40 um
+  absorptivity: 0.5
+  path: [{kind: line, start: [70 um], end: [170 um], speed: 2 m/s}]
+time: {end: 3 ms}
+output: {history_interval: 10 us, snapshot_interval: 1 ms, images: []}
+"""
+
+
+def test_a_track_melts_freezes_and_is_accounted_for(tmp_path):
+    """From the config file to summary.json: it ends by itself when all is solid, powder and plate are one."""
+    (tmp_path / "tiny.yaml").write_text(TRACK)
+    loaded = load_config(tmp_path / "tiny.yaml")
+    assert not loaded.warnings
+    folder = execute(loaded, tmp_path / "run")
+    summary = json.loads((folder / "summary.json").read_text())
+    with (folder / "history.csv").open() as file:
+        history = [
+            {key: float(value) for key, value in row.items() if value and key != "dt_limiter"}
+            for row in csv.DictReader(line for line in file if not line.startswith("#"))
+        ]
+    assert summary["status"] == "done"
+    assert 50e-6 < summary["simulated_time_s"] < 3e-3  # ends by itself, after the beam
+    assert (
+        summary["energy"]["relative_error"] < 1e-5
+    )  # 1e-3 is promised; 1e-3 K at the rim of the hot set is left
+    assert summary["mass"]["relative_error"] < 1e-13
+    assert max(row["energy_error"] for row in history) < 1e-5
+    assert max(row["mass_error"] for row in history) < 1e-13
+    assert max(row["momentum_error"] for row in history) < 1e-10
+    track = summary["melt_pool"]["track"]
+    assert summary["melt_pool"]["length_m"] > 60e-6
+    assert track["particles"] > 100  # some 40 % of the powder
+    assert track["pieces"] == 1
+    assert track["still_liquid"] == 0
+    times = [row["time_s"] for row in history]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(summary["simulated_time_s"])
+    assert history[-1]["mobile"] == 0
+    absorbed = [row["absorbed_J"] for row in history]
+    assert (np.diff(absorbed) >= 0).all()
+    assert absorbed[-1] == pytest.approx(summary["energy"]["absorbed_J"])
+    # the beam's energy by hand: 0.5 x 80 W for 50 us on the line of a Gaussian of w = 40 um, less what passes through
+    incident = 0.5 * 80 * 50e-6 * np.sqrt(2 / np.pi) / 40e-6
+    assert history[-1]["absorbed_J"] + history[-1]["passed_through_J"] == pytest.approx(incident, rel=1e-9)
+
+
+def weld(configure, end, **keys):
+    return configure(
+        dimension=3, spacing=40 * UM, time={"end": end},
+        bodies=[{"shape": "plate", "start": -320 * UM, "length": 640 * UM, "width": 640 * UM, "depth": 320 * UM}],
+        laser={"power": 900, "beam_radius": 180 * UM, "absorptivity": 0.4,
+               "path": [{"kind": "dwell", "at": [6.5 * UM, 4 * UM], "duration": 0.25e-3}]},
+        numerics={"sound_speed": 40}, **keys,
+    )  # fmt: skip
+
+
+def test_a_small_spot_weld_in_3d_to_the_end(configure):
+    """A pulse melts a pool, which freezes: nothing lost, one piece, energy and momentum in the books."""
+    sim = Simulation(weld(configure, 20e-3))
+    sim.advance(0.25e-3)
+    during = sim.diagnostics()
+    pool = sim.state.array("liquid_fraction") >= 0.5
+    x = sim.position[pool]
+    assert during["mobile"] > 20
+    # the pool is under the beam, and as wide in y as in x, within a spacing
+    assert x[:, :2].mean(axis=0) == pytest.approx([6.5 * UM, 4 * UM], abs=20 * UM)
+    assert np.ptp(x[:, 0]) == pytest.approx(np.ptp(x[:, 1]), abs=41 * UM)
+    sim.run()
+    row = sim.diagnostics()
+    assert sim.finished
+    assert sim.time < 20e-3
+    assert row["mobile"] == 0
+    assert row["removed"] == 0
+    assert row["energy_error"] < 1e-5
+    assert row["mass_error"] < 1e-13
+    assert row["momentum_error"] < 1e-10
+    assert (sim.state.array("liquid_fraction") == 0.0).all()
+    assert (sim.velocity == 0.0).all()
+    assert (groups(sim.position, 40 * UM)[1] >= 10).sum() == 1
+    incident = 0.4 * 900 * 0.25e-3
+    assert row["absorbed_J"] + row["passed_through_J"] == pytest.approx(incident, rel=1e-9)
+
+
+# --------------------------------------------------------------------------- restart
+
+
+def test_half_and_the_rest_are_the_whole(track):
+    """A checkpoint in the middle of the melt, restored in a new simulation: the same bits at the end."""
+    config = track(time={"end": 30e-6})
+    whole = Simulation(config)
+    whole.advance(15e-6)
+    saved = {name: values.copy() for name, values in whole.checkpoint().items()}
+    assert whole.moving > 0
+    whole.run()
+    fields = {name: whole.state.array(name) for name in whole.state.names}
+    row = whole.diagnostics()
+
+    rest = Simulation(config)
+    rest.restore(saved)
+    assert rest.time == 15e-6
+    rest.run()
+    for name, values in fields.items():
+        assert np.array_equal(rest.state.array(name), values), name
+    again = rest.diagnostics()
+    # counters of this process alone are not part of the state
+    differ = {name for name in row if row[name] != again[name]}
+    assert differ <= {"list_builds", "surface_evaluations"}
+
+
+# --------------------------------------------------------------------------- what is off is not there
+
+
+def test_what_is_off_is_not_allocated(configure, track):
+    everything = Simulation(track())
+    names = set(everything.state.names)
+    assert {"enthalpy", "pressure", "curvature", "normal", "viscous_work", "laser"} <= names
+    assert everything.flow_step is not None
+    assert everything.heat is not None
+    assert everything.bins is not None
+
+    conduction = Simulation(track(physics={"flow": False, "radiation": False}))
+    gone = names - set(conduction.state.names)
+    assert {
+        "pressure",
+        "viscosity",
+        "acceleration",
+        "density_rate",
+        "normal",
+        "curvature",
+        "viscous_work",
+    } <= gone
+    assert not any(hasattr(conduction.state, name) for name in gone)
+    assert conduction.flow_step is None
+    assert conduction.surface is None
+    assert not hasattr(conduction.rows, "far")
+
+    drop = {"shape": "droplet", "centre": [0, 0], "radius": 30 * UM, "temperature": 2000}
+    cold = configure(
+        spacing=5 * UM, bodies=[drop],
+        physics={"heat": False, "surface_tension": False, "marangoni": False, "radiation": False,
+                 "viscous_heating": False},
+        numerics={"packing_correction": 0},
+    )  # fmt: skip
+    flow = Simulation(cold)
+    gone = names - set(flow.state.names)
+    assert {"enthalpy", "heating", "conductivity", "laser", "radiated", "normal", "surface_tension"} <= gone
+    assert flow.heat is None
+    assert flow.surface is None
+    assert flow.bins is None
+
+
+# --------------------------------------------------------------------------- blow-up
+
+
+def test_a_blow_up_names_the_pass_and_the_particle_and_a_checkpoint_survives_it(track):
+    """A NaN in a velocity is found by the next search; far too much light ends at the end of the tables."""
+    sim = Simulation(track(laser={"power": 2000}, output={"history_interval": 1e-6}))
+    while not (mobile := sim.state.array("mobility") == MOBILE).any():
+        sim.step()
+    saved = {name: values.copy() for name, values in sim.checkpoint().items()}
+    velocity = sim.velocity
+    velocity[np.flatnonzero(mobile)[0]] = np.nan
+    sim.state.load(velocity=velocity)
+    with pytest.raises(BlowUpError, match=r"no finite place \(particle \d+ at nan um"):
+        sim.run()
+
+    sim.restore(saved)
+    with pytest.raises(
+        BlowUpError, match=r"heat: particle \d+ is at \d+ K, beyond the end of the property tables"
+    ):
+        sim.run()
+    assert 0 < sim.time < 30e-6
