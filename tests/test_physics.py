@@ -201,7 +201,7 @@ def test_colour_gradient_across_a_flat_surface(operators):
 # --------------------------------------------------------------------------- surface forces
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
     """Tension inward by sigma kappa, Marangoni along the surface from hot to cold where d sigma/dT < 0."""
     radius, slope, gradient = 60 * UM, -3e-4, np.array([2e6, 1e6, 0.5e6])[:dimension]
