@@ -17,8 +17,10 @@ from taichi_slm.physics import conduction, equation_of_state, viscosity
 from taichi_slm.physics import surface_tension as tension
 from taichi_slm.physics.material import MaterialTables
 from taichi_slm.run.simulation import Simulation
+from taichi_slm.solver.timestep import StepLimits
 from taichi_slm.sph.kernel import Wendland
 from taichi_slm.sph.lattice import conduction_moment, shepard_sum
+from taichi_slm.state import MOBILE, STILL
 
 UM = 1e-6
 FLOW_ONLY = {
@@ -99,6 +101,26 @@ def test_stable_steps_of_the_terms():
     assert viscosity.artificial_viscosity(0.13, 0.06, 40.0, 2) == pytest.approx(0.13 * 0.06 * 40 / 8)
 
 
+def test_limits_are_of_the_worst_state_so_far(track):
+    """Before anything melts the limits are those of the coldest liquid; hotter metal never allows a longer step."""
+    config = track()
+    limits = StepLimits(config, tabulate([resolve("steel_304", {})]))
+    cold, at_solidus = limits.flow(300.0), limits.flow(1673.0)
+    assert cold == at_solidus
+    assert set(cold) == {"sound", "viscosity", "capillary"}
+    h, mush = 1.2 * config.spacing, 0.1 / 7443.0  # ten times the melt's viscosity at the solidus
+    assert cold["viscosity"] == pytest.approx(0.08 * h**2 / mush, rel=1e-3)
+    assert cold["sound"] == pytest.approx(0.4 * h / 20.0)
+    assert limits.flow(300.0, 5.0)["sound"] == pytest.approx(0.4 * h / 25.0)  # sound and flow add up
+    hotter = [limits.flow(T) for T in (1700.0, 2000.0, 3000.0, 6000.0)]
+    for name in cold:
+        steps = [cold[name], *(each[name] for each in hotter)]
+        assert steps == sorted(steps, reverse=True), name
+    heat = [limits.euler(T) for T in (300.0, 1700.0, 1800.0, 4000.0)]
+    assert heat == sorted(heat, reverse=True)
+    assert limits.heat(300.0) >= heat[0]
+
+
 # --------------------------------------------------------------------------- operators on a lattice
 
 
@@ -115,7 +137,7 @@ def operators(configure, liquid, impose):
         spacing=dx, materials={"metal": metal}, ambient_temperature=1000,
         bodies=[{"shape": "box", "corner": [0, 0], "size": [n * dx, n * dx], "material": "metal",
                  "temperature": 1000}],
-        physics={"radiation": False, "viscous_heating": False, "marangoni": False},
+        physics={"radiation": False, "marangoni": False},
         numerics={"heat_scheme": "euler", "packing_correction": 0},
     )  # fmt: skip
     sim = Simulation(config)
@@ -127,6 +149,17 @@ def operators(configure, liquid, impose):
     sim.state.load(velocity=np.stack([y**2, np.zeros_like(y)], axis=1))
     flow.momentum(0.0)
     found["shear"] = sim.state.array("acceleration")
+
+    # a random flow of which every fifth particle is held fast: the power of all forces, and the heat of a step
+    velocity = np.random.default_rng(8).normal(size=(n * n, 2))
+    still = np.arange(n * n) % 5 == 0
+    velocity[still] = 0.0
+    sim.state.load(velocity=velocity, mobility=np.where(still, STILL, MOBILE), viscous_work=np.zeros(n * n))
+    flow.momentum(1e-6)
+    found["work"] = sim.state.array("viscous_work").sum() / 1e-6
+    acceleration = sim.state.array("acceleration")
+    found["power"] = np.sum(sim.state.array("mass")[~still, None] * (velocity * acceleration)[~still])
+    sim.state.load(mobility=np.full(n * n, MOBILE), viscous_work=np.zeros(n * n))
     sim.state.load(velocity=np.stack([3.0 * x, -1.0 * y], axis=1))
     flow.continuity()
     found["rate"], found["shepard"] = sim.state.array("density_rate"), sim.state.array("shepard")
@@ -151,6 +184,12 @@ def test_viscosity_of_a_shear_flow(operators):
     exact = 2 * operators["mu"] / operators["rho"] / operators["dx"] ** 2
     assert operators["shear"][operators["inside"], 0] == pytest.approx(exact, rel=1e-10)
     assert operators["shear"][operators["inside"], 1] == pytest.approx(0.0, abs=1e-10 * exact)
+
+
+def test_viscous_heat_is_the_work_of_viscosity(operators):
+    """What the forces take from the motion becomes heat, half in either partner, all of it beside a wall."""
+    assert operators["power"] < 0
+    assert operators["work"] == pytest.approx(-operators["power"], rel=1e-12)
 
 
 def test_divergence_and_shepard_sum(operators):
@@ -232,8 +271,11 @@ def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
     assert aligned.min() > (0.999 if dimension == 2 else 0.9)
     # the surface's curvature at every depth: (d-1)/R; the mean over particles comes out at 1.00 (2-D), 1.03 (3-D)
     weights = strength[has]
-    mean = -np.average(kappa[has], weights=weights) * radius / (dimension - 1)
-    assert mean == pytest.approx(1.0, abs=0.06)
+    scaled = -kappa[has] * radius / (dimension - 1)
+    mean = np.average(scaled, weights=weights)
+    assert mean == pytest.approx(1.0, abs=0.01 if dimension == 2 else 0.06)
+    if dimension == 2:  # at every depth: without the correction the second layer of rings would have 1.08
+        assert scaled == pytest.approx(1.0, abs=0.05)
     # the force is sigma kappa n along the normal ...
     along = np.einsum("ij,ij->i", force, normal)
     sigma = 1.6 + slope * (T - 2000)
@@ -283,6 +325,29 @@ def test_free_fall_keeps_momentum(configure, liquid):
     assert row["removed"] == 0
 
 
+def check_walls(sim, liquid_ones):
+    """A wall's pressure is the weighted mean of what the liquid extrapolates to it, and never a pull."""
+    rng = np.random.default_rng(2)
+    density = sim.state.array("density")
+    density[liquid_ones] = 1000.0 + rng.normal(0.0, 3.0, liquid_ones.sum())
+    sim.state.load(density=density)
+    sim.activity.build()
+    sim.flow_step.flow.advance(0.0, 0.0)
+    sim.flow_step.flow.walls()
+    x, p = sim.position, sim.state.array("pressure")
+    kernel, found = _kernel(0.05), []
+    for w in np.flatnonzero(~liquid_ones):
+        r = x[w] - x[liquid_ones]
+        weight = kernel.value(np.linalg.norm(r, axis=1))
+        if weight.sum() > 0:
+            extrapolated = p[liquid_ones] - density[liquid_ones] * 1.0 * r[:, 1]
+            found.append((p[w], max(0.0, weight @ extrapolated / weight.sum())))
+    device, host = np.array(found).T
+    assert device == pytest.approx(host, rel=1e-10, abs=1e-9)
+    assert (host == 0.0).any()
+    assert (host > 0.0).any()
+
+
 def test_a_column_at_rest_carries_its_weight(configure, liquid):
     """p = rho g depth in a small container, and the floor carries the weight."""
     config = configure(
@@ -294,6 +359,10 @@ def test_a_column_at_rest_carries_its_weight(configure, liquid):
     )  # fmt: skip
     sim = Simulation(config)
     liquid_ones = ~sim.scene.wall
+    sim.compile()
+    start = sim.checkpoint()
+    check_walls(sim, liquid_ones)
+    sim.restore(start)
     sim.advance(1.0)
     start = {name: np.array(values) for name, values in sim.accounts.momentum().items()}
     pressure = []

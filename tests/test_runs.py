@@ -130,6 +130,9 @@ def test_half_and_the_rest_are_the_whole(track):
     rest = Simulation(config)
     rest.restore(saved)
     assert rest.time == 15e-6
+    kept = rest.checkpoint()  # all that was saved has found its place
+    assert kept.keys() == saved.keys()
+    assert all(np.array_equal(kept[name], saved[name], equal_nan=True) for name in saved)
 
     velocity = rest.velocity
     velocity[np.flatnonzero(rest.state.array("mobility") == MOBILE)[0]] = np.nan
