@@ -145,7 +145,8 @@ TINY = {"shape": "box", "corner": [0, 0], "size": [20 * UM, 15 * UM], "material"
 
 
 @pytest.fixture(
-    params=["rkl2", "heun", "trapezoid", pytest.param("euler", marks=pytest.mark.slow)], scope="module"
+    params=["rkl2", "heun", *(pytest.param(name, marks=pytest.mark.slow) for name in ("trapezoid", "euler"))],
+    scope="module",
 )
 def scheme(request, configure, melting, impose):
     """A block of 4 x 3 particles of constant properties under one heat scheme.

@@ -154,7 +154,7 @@ def look(sim, centre, incident):
     return power
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [3, pytest.param(2, marks=pytest.mark.slow)])
 def test_absorbed_and_passed_through_make_up_the_power(configure, dimension):
     """Slab, powder row, beam half off the edge or beside everything, Gaussian and top hat."""
     sim = Simulation(lit_scene(configure, dimension, True))

@@ -162,7 +162,7 @@ def radii(sim):
     return sim.disc.flow_kernel.support + skin, sim.disc.surface_kernel.support + skin
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [3, pytest.param(2, marks=pytest.mark.slow)])
 def test_lists_of_a_random_droplet(configure, dimension):
     config = configure(
         dimension=dimension,
