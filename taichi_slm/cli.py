@@ -115,11 +115,15 @@ def validate(
 
 
 @app.command()
-def render(run: Annotated[Path, typer.Argument(help="A run folder.")]) -> None:
+def render(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    movie: Annotated[bool, typer.Option("--movie", help="A film of every snapshot (MP4) instead.")] = False,
+) -> None:
     """Draw the snapshots of a run as pictures, into its folder renders/."""
+    from taichi_slm.render.movie import film_run
     from taichi_slm.render.views import render_run
 
-    for picture in render_run(run):
+    for picture in film_run(run) if movie else render_run(run):
         print(picture)
 
 

@@ -147,3 +147,19 @@ def test_time_stamps():
     assert Clock.for_end(3e-3).text(3e-3) == "t = 3.000 ms"
     assert Clock.for_end(2.0).text(0.5) == "t = 0.500 s"
     assert Clock.for_end(50e-6).text(1e-6) == "t = 1.00 µs"
+
+
+def test_film_has_every_snapshot_and_leaves_no_part_behind(tmp_path, monkeypatch, gl):
+    import imageio.v2 as imageio
+
+    from taichi_slm.output.snapshots import read_series
+    from taichi_slm.render.movie import film_run
+
+    folder = run(tmp_path, monkeypatch)
+    (film,) = film_run(folder, ["state"])
+    assert film == folder / "renders/state.mp4"
+    assert not list((folder / "renders").glob("*.part.mp4"))
+    with imageio.get_reader(film) as reader:
+        frames = [np.asarray(image) for image in reader]
+    assert len(frames) == len(read_series(folder / "snapshots.pvd"))
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100  # something happens

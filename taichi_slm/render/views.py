@@ -1,6 +1,6 @@
 """Pictures of a run from its folder alone: one plotter, one camera, the same colours from first to last."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,9 +105,17 @@ class Studio:
 
     def shoot(self, snapshot: Snapshot, kinds: Sequence[str], name: str) -> list[Path]:
         """One picture of ``snapshot`` for each of ``kinds``; returns the files."""
+        files = []
+        for kind, image in self.draw(snapshot, kinds):
+            path = self.folder / "renders" / f"{kind}_{name}.png"
+            write_bytes(path, png(image))
+            files.append(path)
+        return files
+
+    def draw(self, snapshot: Snapshot, kinds: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+        """Each of ``kinds`` with its picture of ``snapshot``, uint8, shape [height, width, 3]."""
         particles = Particles(snapshot, snapshot.spacing * self.frame.scale)
         field = self._field(snapshot)
-        files = []
         for kind in kinds:
             plotter = self.plotter
             plotter.clear_actors()
@@ -118,10 +126,7 @@ class Studio:
             self._surround(kind, snapshot)
             self.frame.aim(plotter, distance=20.0 * float(np.ptp(snapshot.arrays["position"], axis=0).max()))
             plotter.render()
-            path = self.folder / "renders" / f"{kind}_{name}.png"
-            write_bytes(path, png(plotter.screenshot(return_img=True)))
-            files.append(path)
-        return files
+            yield kind, plotter.screenshot(return_img=True)
 
     def _field(self, snapshot: Snapshot) -> PlaneField | None:
         if self.scales.melting is None:
