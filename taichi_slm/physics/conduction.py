@@ -24,7 +24,7 @@ def pair_conduction(kirchhoff: bool, one_material: bool, moment: float) -> Any:
 
     @ti.func
     def harmonic(T_a, T_b, k_a, k_b):
-        return 4.0 / moment * k_a * k_b / (k_a + k_b) * (T_a - T_b)
+        return 4.0 / moment * k_a * k_b / (k_a + k_b + 1e-30) * (T_a - T_b)
 
     @ti.func
     def flux(same, T_a, T_b, k_a, k_b, phi_a, phi_b):

@@ -5,7 +5,7 @@ Equation   p_sat = 101325 exp[(L_v M/R)(1/T_v - 1/T)];  mass flux 0.82 p_sat sqr
 Source     Anisimov 1968; Knight 1979, AIAA J. 17, 519 (0.82 and 0.54 are its values at Mach 1)
 Reads      temperature [K], colour_gradient      Writes  heating, evaporated [W]; surface_force [N/m^d]
 Skipped    unless asked for (`physics.evaporation`, `physics.recoil`)
-Checked    316L at its boiling point: 54,716 Pa, 49.0 kg/(m^2 s), 3.65e8 W/m^2
+Checked    316L at its boiling point: 54,716 Pa, 48.85 kg/(m^2 s), 3.615e8 W/m^2
 The vapour's mass is not taken from the particle: 49 kg/(m^2 s) for 100 us is 0.5 um of a 4 um particle.
 """
 

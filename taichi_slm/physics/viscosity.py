@@ -31,6 +31,6 @@ def pair_viscosity(dimension: int, h: float, moment: float) -> Any:
 
     @ti.func
     def viscous(mu_a, mu_b, u_dot_r, r2):
-        return prefactor * mu_a * mu_b / (mu_a + mu_b) * u_dot_r / (r2 + softening)
+        return prefactor * mu_a * mu_b / (mu_a + mu_b + 1e-30) * u_dot_r / (r2 + softening)
 
     return viscous

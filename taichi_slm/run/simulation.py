@@ -17,6 +17,7 @@ from taichi_slm.scene.beam import BeamPath
 from taichi_slm.scene.build import build_scene
 from taichi_slm.scene.program import program_temperature
 from taichi_slm.scene.scene import Scene
+from taichi_slm.solver.flow import LOST
 from taichi_slm.solver.heat import HOTTEST, HOTTEST_ID, LEFT_RIM, MOVING, WAITING
 from taichi_slm.solver.initial import load_initial_state
 from taichi_slm.solver.model import Model
@@ -111,6 +112,8 @@ class Simulation:
         while self.time < until * (1.0 - 1e-12) and not self.finished:
             self._span(until)
         self._search_anew()
+        if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
+            self.activity.build()  # names who is lost
         self.solver_time_s += time.perf_counter() - began
 
     def _search_anew(self) -> None:
@@ -119,7 +122,9 @@ class Simulation:
         self.activity.stale = True
 
     def _span(self, until: float) -> None:
-        """One heat step, and the flow steps within it."""
+        """One heat step, and the flow steps within it; nothing once the scene is finished."""
+        if self.finished:
+            return
         if self.activity.builds == 0:
             self.compile()
         span, steps = self._choose(until - self.time)
@@ -162,7 +167,9 @@ class Simulation:
                 span = self.limits.without_waste(span, self.hottest)
         if numerics.maximum_step is not None and numerics.maximum_step < flow_dt:
             flow_dt, limiter = numerics.maximum_step, "maximum_step"
-            span = min(span, FLOW_ONLY_STEPS * flow_dt)
+            span = min(
+                span, FLOW_ONLY_STEPS * flow_dt if self.flow_step is not None and self.moving else flow_dt
+            )
         if span >= remaining:
             span = remaining
         elif span > 0.5 * remaining:
@@ -216,6 +223,8 @@ class Simulation:
             self.activity.stale = True
         top = self.host_tables.segment_start[:, 3].max()
         if not self.hottest < top:
+            if self.hottest >= LOST:
+                raise BlowUpError(f"heat: particle {self.hottest_id} has no finite temperature")
             raise BlowUpError(
                 f"heat: particle {self.hottest_id} is at {self.hottest:.0f} K, beyond the end of the property tables "
                 f"({top:.0f} K); less power, physics.evaporation or a finer spacing may help"
@@ -272,7 +281,8 @@ class Simulation:
                                    flow.dt_before if flow else 0.0, fastest, self._allowed,
                                    self.bins.floor[None] if self.bins else 0.0])  # fmt: skip
         saved["counts"] = np.array([self.steps, self.particle_steps, self.moving, self.hottest_id,
-                                    flow.count if flow else 0], np.int64)  # fmt: skip
+                                    flow.count if flow else 0,
+                                    self.surface.evaluations if self.surface else 0], np.int64)  # fmt: skip
         return saved
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
@@ -285,9 +295,10 @@ class Simulation:
         time_, dt, hottest, incident, dt_before, fastest, allowed, floor = (float(x) for x in saved["clock"])
         self.time, self.dt, self.hottest, self.accounts.incident = time_, dt, hottest, incident
         self._allowed = allowed
-        self.steps, self.particle_steps, self.moving, self.hottest_id, count = (
-            int(n) for n in saved["counts"]
-        )
+        counts = [int(n) for n in saved["counts"]]
+        self.steps, self.particle_steps, self.moving, self.hottest_id, count, evaluations = counts
+        if self.surface is not None:
+            self.surface.evaluations = evaluations
         if self.flow_step is not None:
             self.flow_step.dt_before, self.flow_step.count = dt_before, count
             self.flow_step.flow.fastest[None] = fastest

@@ -71,7 +71,7 @@ class Activity:
         if self.heat is not None and self.flow is not None:
             self.heat.release()
         self.cells.build(WARM_FROM, self.rest)
-        self._check(self.cells.invalid, "a particle has no finite place", "position")
+        self._check(self.cells.invalid, "a particle has no finite place", "position or temperature")
         self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")
         self.rows.build(self._all_flow, self._all_hot, self._lit_box())
         self._check(

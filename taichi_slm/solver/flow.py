@@ -19,6 +19,8 @@ from taichi_slm.solver.ledger import PACKING_BRACKETS, WALL_SUCTION, Ledger
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import MOBILE, State
 
+LOST = 1e30  # `moved` when somebody has no finite place [m^2]
+
 
 class FlowPasses:
     """The compiled passes; ``moved`` [m^2] is the largest squared displacement since the lists were built."""
@@ -194,7 +196,12 @@ class FlowPasses:
                             state.velocity[a] = u + 0.5 * dt * state.acceleration[a]
                         else:
                             state.velocity[a] = u
-                        farthest = ti.max(farthest, (x - state.reference_position[a]).norm_sqr())
+                        distance2 = (x - state.reference_position[a]).norm_sqr()
+                        if ti.math.isnan(
+                            distance2
+                        ):  # a maximum would lose it; the next search names the particle
+                            distance2 = LOST
+                        farthest = ti.max(farthest, distance2)
                         speed2 = ti.max(speed2, u.norm_sqr())
                         weight += gravity * ti.cast(state.mass[a], ti.f64)
                         wall += ti.cast(state.wall_force[a], ti.f64)

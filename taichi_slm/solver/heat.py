@@ -294,6 +294,8 @@ class HeatPasses:
             for k in range(total):
                 a = rows.rows[k]
                 T = ti.cast(state.temperature[a], ti.f64)
+                if ti.math.isnan(T):  # a maximum would lose it
+                    T = ti.cast(1e30, ti.f64)
                 if ti.static(viscous):
                     state.viscous_work[a] = 0.0
                 if T > ti.atomic_max(report[HOTTEST], T):

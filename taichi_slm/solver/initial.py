@@ -61,7 +61,7 @@ def _hydrostatic_excess(model: Model, mobile: np.ndarray) -> Any:
     """Density [kg/m^3] above the reference one under which liquid at rest carries what lies above it, shape [n]."""
     scene, config = model.scene, model.config
     excess = np.zeros(scene.count)
-    if config.gravity != 0.0 and mobile.any():
+    if config.gravity != 0.0 and mobile.any() and scene.wall.any():  # a free drop carries nothing
         height = scene.position[mobile, -1]
         top = height.max() + 0.5 * scene.spacing
         density = look_up(model.host_tables, "density", scene.material[mobile], scene.temperature[mobile])

@@ -37,7 +37,9 @@ class Cells:
         self.items = ti.field(ti.i32, shape=(self.total, self.capacity))
         self.mark = ti.field(ti.i32, shape=self.total)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle that found no room, or -1
-        self.invalid = ti.field(ti.i32, shape=())  # id of a particle without a finite place, or -1
+        self.invalid = ti.field(
+            ti.i32, shape=()
+        )  # id of a particle without a finite place or temperature, or -1
 
         origin = ti.Vector([float(x) for x in lower])
         inverse, border = 1.0 / size, self.border
@@ -69,6 +71,8 @@ class Cells:
                     for axis in ti.static(range(d)):
                         if ti.math.isnan(x[axis]) or ti.math.isinf(x[axis]):
                             finite = 0
+                    if ti.math.isnan(state.temperature[i]):
+                        finite = 0
                     if finite == 0:
                         invalid[None] = i
                     else:
