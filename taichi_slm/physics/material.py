@@ -31,48 +31,34 @@ class MaterialTables:
         base = [int(b) for b in bases]
 
         @ti.func
-        def locate(m, T):
-            """Knot and fraction of temperature T; beyond the table the end segment is extended."""
+        def place_in(limits: ti.template(), m, value):
+            """Knot and fraction of ``value``; beyond the table the end segment is extended."""
             segment = 0
-            if T > start[m, 2]:
-                segment = 2
-            elif T > start[m, 1]:
-                segment = 1
             first = base[0]
             last = base[1]
-            if segment == 1:
-                first = base[1]
-                last = base[2]
-            elif segment == 2:
+            if value > limits[m, 2]:
+                segment = 2
                 first = base[2]
                 last = base[3]
-            low = start[m, segment]
-            place = (T - low) / ti.max(start[m, segment + 1] - low, 1e-30) * (last - first)
+            elif value > limits[m, 1]:
+                segment = 1
+                first = base[1]
+                last = base[2]
+            low = limits[m, segment]
+            place = (value - low) / ti.max(limits[m, segment + 1] - low, 1e-30) * (last - first)
             knot = ti.max(first, ti.min(last - 1, first + ti.cast(ti.floor(place), ti.i32)))
             return knot, place - (knot - first)
 
         @ti.func
+        def locate(m, T):
+            """Knot and fraction of temperature T [K]."""
+            knot, fraction = place_in(start, m, T)
+            return knot, fraction
+
+        @ti.func
         def temperature_of(m, H):
-            """T(H): the inverse of the enthalpy table; its knots are equally spaced in H."""
-            segment = 0
-            if H > heat_start[m, 2]:
-                segment = 2
-            elif H > heat_start[m, 1]:
-                segment = 1
-            first = base[0]
-            last = base[1]
-            if segment == 1:
-                first = base[1]
-                last = base[2]
-            elif segment == 2:
-                first = base[2]
-                last = base[3]
-            low = heat_start[m, segment]
-            place = (
-                (H - low) / ti.max(heat_start[m, segment + 1] - low, ti.cast(1e-30, ti.f64)) * (last - first)
-            )
-            knot = ti.max(first, ti.min(last - 1, first + ti.cast(ti.floor(place), ti.i32)))
-            fraction = place - (knot - first)
+            """T(H) [K]: the inverse of the enthalpy table; its knots are equally spaced in H [J/kg]."""
+            knot, fraction = place_in(heat_start, m, H)
             return (1.0 - fraction) * inverse_heat[m, knot] + fraction * inverse_heat[m, knot + 1]
 
         @ti.func
