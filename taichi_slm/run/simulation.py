@@ -157,8 +157,9 @@ class Simulation:
         span = FLOW_ONLY_STEPS * flow_dt if self.heat is None else flow_dt
         if self.heat is not None:
             heat_dt, name = self.limits.heat(self.hottest), "heat"
-            if self.bins is not None and self._beam_step() < heat_dt:
-                heat_dt, name = self._beam_step(), "laser"
+            beam_dt = self._beam_step() if self.bins is not None else math.inf
+            if beam_dt < heat_dt:
+                heat_dt, name = beam_dt, "laser"
             if heat_dt < flow_dt:
                 flow_dt, limiter = heat_dt, name
             span = flow_dt
