@@ -168,6 +168,51 @@ def materials(
         print(line)
 
 
+class Tier(str, Enum):
+    """How long the cases take: seconds; up to a few minutes; more."""
+
+    quick = "quick"
+    full = "full"
+    long = "long"
+
+
+@app.command()
+def verify(
+    case: Annotated[list[str] | None, typer.Argument(help="Cases by name; all by default.")] = None,
+    tier: Annotated[Tier, typer.Option(help="Run all cases up to this tier.")] = Tier.long,
+    out: Annotated[Path, typer.Option(help="Folder of verify.json and the plots.")] = Path("verify"),
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Cases at a time; as many as cores by default.")
+    ] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
+    show: Annotated[bool, typer.Option("--list", help="Only list the cases.")] = False,
+) -> None:
+    """Compare with exact and measured answers: a table, verify.json and plots; exit 1 if a limit is broken."""
+    import os
+
+    from taichi_slm.verification.catalogue import chosen
+
+    cases = chosen(case or (), tier.value)
+    if show:
+        for each in cases:
+            print(f"{each.name:28s} {each.tier:6s} {each.title}")
+        return
+    from rich.console import Console
+
+    from taichi_slm.verification.verify import verify as run_cases
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a table in a file is not folded to 80 columns
+    try:
+        run_cases(cases, out, jobs or os.cpu_count() or 1, console)
+    finally:
+        if page is not None and (out / "verify.json").is_file():
+            from taichi_slm.verification.page import write_page
+
+            write_page(out / "verify.json", page)
+
+
 def main() -> None:
     """Entry point: an error becomes a sentence on stderr and an exit code."""
     try:

@@ -1,0 +1,1 @@
+"""Cases with known answers, shipped to users: what the program claims, and by how much it misses."""

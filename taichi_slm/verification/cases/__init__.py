@@ -1,0 +1,1 @@
+"""One file a case: the scene, the exact answer in closed form, the limit and why it is what it is."""
