@@ -82,6 +82,10 @@ class Outcome:
         slope = float(np.polyfit(np.log(spacings), np.log(errors), 1)[0])
         self.rows.append(Row(quantity, slope, None, None, at_least, "", why, at_least=True))
 
+    def at_least(self, quantity: str, computed: float, *, limit: float, why: str, unit: str = "") -> None:
+        """A number that must not be below its limit."""
+        self.rows.append(Row(quantity, float(computed), None, None, limit, unit, why, at_least=True))
+
     def plot(self, name: str, title: str, x: str, y: str, curves: Sequence[Curve],
              log: Literal["", "x", "y", "xy"] = "") -> None:  # fmt: skip
         """Add a picture."""
