@@ -1,7 +1,8 @@
 """What the cases with a melt pool share: the pool over time, and the track that is left."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,16 @@ from taichi_slm.errors import BlowUpError
 from taichi_slm.run.recorder import melting_points
 from taichi_slm.run.simulation import Simulation
 
-Watch = Callable[[Simulation], float]
+_NO_SULPHUR = {
+    "316L": {"extends": "316L", "surface_tension": {"line": {"value": 1.593, "slope": -4e-4, "at": 1708}}}
+}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "conduction only": {"physics": {"flow": False, "evaporation": False, "recoil": False}},
+    "no Marangoni flow": {"physics": {"marangoni": False}},
+    "slope of sigma negative": {"materials": _NO_SULPHUR},
+    "no evaporation": {"physics": {"evaporation": False, "recoil": False}},
+}
+"""What the runs of measured pools of 316L leave out or turn around, one at a time, to tell what a gap is due to."""
 
 
 @dataclass
