@@ -36,6 +36,7 @@ WEIGHT, DX, RATE = (
     0.05,
     0.4,
 )  # of a metre of fluid [N/m^3]; spacing [m]; speed of the interface at first [m/s]
+NAMES = ("fluid 1", "fluid 2")
 NUMERICS = {"sound_speed": 20, "artificial_viscosity": 0.5, "walls": "free_slip", "packing_correction": 0}
 
 
@@ -118,48 +119,35 @@ def _areas(x: np.ndarray) -> np.ndarray:
 
 
 def compute(outcome: Outcome) -> None:
-    """The scene to its end; its beginning at three c0."""
-    found = history(scene())
-    calm = found.time > CALM
-    for number in (0, 1):
-        density, volume = found.density[calm, number].mean(), np.nanmean(found.volume[calm, number])
-        for name, error in (("density", density), ("volume", volume)):
-            outcome.judge(
-                f"mean {name} of fluid {number + 1} after the ramp, over that at rest",
-                1.0 + error,
-                1.0,
-                limit=3e-3,
-                why="a third of the paper's 1 %",
-            )
-    for number in (0, 1):
-        largest = np.nanmax(np.abs(found.volume[:, number]))
-        outcome.show(f"largest volume error of fluid {number + 1} at any moment", largest,
-                     note="a wall does not pull: the column leaves the floor")  # fmt: skip
-    finer = history(scene(spacing=DX / 2))
-    for number in (0, 1):
-        volume = np.nanmean(finer.volume[finer.time > CALM, number])
-        outcome.show(f"mean volume of fluid {number + 1} after the ramp, dx/2", 1.0 + volume, 1.0,
-                     note="voids left by the fall: they shrink with the spacing")  # fmt: skip
-    outcome.judge(
-        "particles beyond the interface by more than dx",
-        found.crossed,
-        error=found.crossed,
-        limit=0,
-        why="the interface stays sharp",
-    )
-    outcome.judge("particles engulfed by the other fluid", found.engulfed, error=found.engulfed, limit=0,
-                  why="the interface stays sharp")  # fmt: skip
+    """The scene to its end, and at half the spacing; its beginning at three c0."""
+    found, finer = history(scene()), history(scene(spacing=DX / 2))
+    for k, name in enumerate(NAMES):
+        _after_the_ramp(outcome, name, k, found, finer)
+    for what, count in (
+        ("beyond the interface by more than dx", found.crossed),
+        ("engulfed by the other fluid", found.engulfed),
+    ):
+        outcome.judge(f"particles {what}", count, error=count, limit=0, why="the interface stays sharp")
     _waves(outcome)
-    names = ("fluid 1", "fluid 2")
-    outcome.plot("two_fluid_column_density", "Test 2: mean density", "time / t0", "error / %",
-                 [Curve(name, found.time, 100 * found.density[:, k]) for k, name in enumerate(names)])  # fmt: skip
-    outcome.plot(
-        "two_fluid_column_volume",
-        "Test 2: volume",
-        "time / t0",
-        "error / %",
-        [Curve(name, found.time[9::10], 100 * found.volume[9::10, k]) for k, name in enumerate(names)],
-    )
+    densities = [Curve(name, found.time, 100 * found.density[:, k]) for k, name in enumerate(NAMES)]
+    outcome.plot("two_fluid_column_density", "Test 2: mean density", "time / t0", "error / %", densities)
+    volumes = [Curve(name, found.time[9::10], 100 * found.volume[9::10, k]) for k, name in enumerate(NAMES)]
+    outcome.plot("two_fluid_column_volume", "Test 2: volume", "time / t0", "error / %", volumes)
+
+
+def _after_the_ramp(outcome: Outcome, name: str, k: int, found: Found, finer: Found) -> None:
+    """Means of fluid ``k`` over the calm end, and how far its volume was off before."""
+    calm = found.time > CALM
+    density, volume = found.density[calm, k].mean(), np.nanmean(found.volume[calm, k])
+    for what, error in (("density", density), ("volume", volume)):
+        outcome.judge(f"mean {what} of {name} after the ramp, over that at rest", 1.0 + error, 1.0, limit=3e-3,
+                      why="a third of the paper's 1 %")  # fmt: skip
+    volume = np.nanmean(finer.volume[finer.time > CALM, k])
+    outcome.show(f"mean volume of {name} after the ramp, dx/2", 1.0 + volume, 1.0,
+                 note="voids left by the fall: they shrink with the spacing")  # fmt: skip
+    largest = float(np.nanmax(np.abs(found.volume[:, k])))
+    outcome.show(f"largest volume error of {name} at any moment", largest,
+                 note="a wall does not pull: the column leaves the floor")  # fmt: skip
 
 
 def _waves(outcome: Outcome) -> None:
