@@ -10,7 +10,16 @@ from taichi_slm.analysis.mixing import dispersed, foreign_share, stirred
 from taichi_slm.analysis.voronoi import cell_volumes
 from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
-from taichi_slm.verification.cases import spot_weld, thermal_cycle, tracks, two_fluid_column
+from taichi_slm.verification.cases import (
+    simonds_spot,
+    spot_weld,
+    thermal_cycle,
+    tracks,
+    trapp_tracks,
+    two_fluid_column,
+)
+from taichi_slm.verification.measured import table
+from taichi_slm.verification.pools import VARIANTS, watch_pool
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -78,3 +87,38 @@ def test_mixing_of_made_up_particles():
     assert dispersed(x, quarter, 1.0) == 0.0
     assert stirred(x, quarter, 1.0) > 0.8  # most of 8 neighbours are of the other three quarters
     assert np.isnan(dispersed(x, np.zeros(len(x), int), 1.0))
+
+
+# --------------------------------------------------------------------------- the measured pools
+
+
+@pytest.mark.parametrize("changes", [{}, *VARIANTS.values()], ids=["full", *VARIANTS])
+def test_measured_scenes_are_valid_and_take_what_was_measured(changes):
+    """Power, spot and absorptivity are those of the tables; a variant changes only what it names."""
+    spot = simonds_spot.scene(**changes)
+    assert spot.laser.power == pytest.approx(120.0)
+    irradiance = spot.laser.power / (np.pi * spot.laser.beam_radius**2) * 1e-10  # [MW/cm^2]
+    assert irradiance == pytest.approx(table("simonds2018_316L_spot")[0]["irradiance_MW_cm2"], rel=0.03)
+    assert spot.laser.absorptivity == 0.31
+    for row in table("trapp2017_316L_tracks"):
+        track = trapp_tracks.scene(int(row["power_W"]), **changes)
+        assert track.laser.beam_radius == pytest.approx(30e-6)
+        assert track.laser.absorptivity == row["absorptivity"]
+        assert track.time.end == pytest.approx(2e-4 / 0.5)
+        assert track.physics.model_dump() == spot.physics.model_dump()
+
+
+def test_a_pool_is_watched_until_its_scene_is_finished(track):
+    """The sizes grow while the beam is on; what is solid again is the track; the run ends by itself."""
+    found, sim = watch_pool(track(time={"end": 5e-4}), np.arange(1, 101) * 5e-6, threads=1)
+    assert sim.finished
+    assert not found.failure
+    assert len(found.time) < 100
+    assert found.length.max() > 20e-6
+    assert np.isnan(found.width).all()
+    assert found.length[-1] == 0.0
+    assert found.track.still_liquid == 0
+    assert found.track.particles > 10
+    assert found.energy_error < 1e-5
+    assert found.mean("length", 0.0, 30e-6) == pytest.approx(found.length[found.time <= 30e-6].mean())
+    assert np.isnan(found.mean("length", 1.0))
