@@ -1,4 +1,4 @@
-"""Conduction, melting, radiation and evaporation against exact answers."""
+"""Conduction, melting, radiation and evaporation: what the cases of `verify` leave over."""
 
 import math
 from dataclasses import replace
@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from scipy.special import erf, erfc
+from scipy.special import erf
 
 from taichi_slm import backend
 from taichi_slm.backend import ti
@@ -20,7 +19,7 @@ from taichi_slm.physics.evaporation import (
     saturation_pressure,
     vapour,
 )
-from taichi_slm.physics.radiation import STEFAN_BOLTZMANN, radiated_flux
+from taichi_slm.physics.radiation import radiated_flux
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.scene.build import build_scene
 
@@ -45,32 +44,6 @@ def enthalpy(sim):
 
 
 # --------------------------------------------------------------------------- conduction
-
-
-def test_a_sine_decays_as_it_must_and_better_on_a_finer_lattice(configure, melting):
-    """cos(pi x/L) between insulated ends falls by exp(-kappa (pi/L)^2 t)."""
-    length, mean, height = 100 * UM, 800.0, 300.0
-    kappa = 20.9 / (7200 * 711.2)
-    end = (length / np.pi) ** 2 / kappa  # to 1/e
-    errors = []
-    for count in (12, 24):
-        dx = length / count
-        config = configure(
-            spacing=dx, materials={"metal": melting()}, physics=HEAT_ONLY, time={"end": end},
-            bodies=[{"shape": "box", "corner": [0, 0], "size": [length, length], "material": "metal"}],
-            performance=EVERYWHERE,
-        )  # fmt: skip
-        sim = start(config, lambda x: mean + height * np.cos(np.pi * x[:, 0] / length))
-        before = enthalpy(sim)
-        sim.run()
-        exact = mean + height * np.exp(-1.0) * np.cos(np.pi * sim.position[:, 0] / length)
-        errors.append(np.sqrt(np.mean((sim.temperature - exact) ** 2)) / (height * np.exp(-1.0)))
-        assert enthalpy(sim) == pytest.approx(before, rel=1e-13)  # pairs exchange equal heat
-        assert sim.time == end
-    # inside, the operator is of second order; along the edges its support is cut, in a layer as thin as the spacing:
-    # an order between the two
-    assert math.log2(errors[0] / errors[1]) > 1.0
-    assert errors[-1] < 0.02
 
 
 @pytest.mark.slow
@@ -137,6 +110,7 @@ def test_held_layers_hold_and_their_heat_is_booked(configure, melting):
     row = sim.diagnostics()
     assert row["conducted_out_J"] == pytest.approx(before - enthalpy(sim), rel=1e-11)
     assert row["energy_error"] < 1e-12
+    assert (sim.flow_step, sim.surface, sim.bins) == (None, None, None)  # heat alone needs none of these
 
 
 # --------------------------------------------------------------------------- schemes
@@ -208,97 +182,7 @@ def test_the_apparent_heat_capacity_steps_over_latent_heat(configure, melting):
     assert sim.diagnostics()["energy_error"] > 1e-6  # and the account says so
 
 
-# --------------------------------------------------------------------------- melting front
-
-
-def neumann_lambda(T_w, T_m, T_0, k_l, k_s, c_l, c_s, rho, latent):
-    """lambda of the two-phase Stefan problem, s = 2 lambda sqrt(kappa_l t)."""
-    kappa_l, kappa_s = k_l / (rho * c_l), k_s / (rho * c_s)
-    nu = math.sqrt(kappa_l / kappa_s)
-
-    def balance(x):
-        solid = k_s * (T_m - T_0) * nu * math.exp(-((nu * x) ** 2)) / (math.sqrt(math.pi) * erfc(nu * x))
-        molten = k_l * (T_w - T_m) * math.exp(-(x**2)) / (math.sqrt(math.pi) * erf(x))
-        return molten - solid - rho * latent * x * kappa_l
-
-    return brentq(balance, 1e-6, 3.0)
-
-
-def test_the_melting_front_of_neumann(configure, melting):
-    """METHOD's case: 2500 K is held on one side of solid at 293 K; lambda 0.342112."""
-    exact = neumann_lambda(2500, 1723, 293, 20.9, 20.9, 937.4, 711.2, 7200, 2.6e5)
-    assert exact == pytest.approx(0.342112, abs=1e-6)
-    dx, layers, width = 5 * UM, 80, 60
-    kappa = 20.9 / (7200 * 937.4)
-    end = (12 * dx / (2 * exact)) ** 2 / kappa
-    metal = melting(solidus=1722.5, liquidus=1723.5)
-    config = configure(
-        spacing=dx, materials={"metal": metal}, physics=HEAT_ONLY, time={"end": end}, performance=EVERYWHERE,
-        bodies=[{"shape": "plate", "length": width * dx, "depth": 3 * dx, "material": "metal", "temperature": 2500},
-                {"shape": "box", "corner": [0, 0], "size": [width * dx, layers * dx], "material": "metal"}],
-    )  # fmt: skip
-    sim = start(config)
-    middle = (np.abs(sim.position[:, 0] - 0.5 * width * dx) < dx) & ~sim.scene.held
-    molten, times = [0.0], np.linspace(0.0, 1.0, 101) * end
-    for t in times[1:]:
-        sim.advance(t)
-        molten.append(sim.state.array("liquid_fraction")[middle].sum() / 2)  # layers of two columns
-    # between two layers the front waits for the next one to warm up: it is looked at when a layer is half molten
-    layer = np.arange(3, math.floor(molten[-1])) + 0.5
-    passed = np.interp(layer, molten, times)
-    # s = 2 lambda sqrt(kappa t) + where the held side begins (an offset of the order of half a spacing)
-    slope, offset = np.polyfit(np.sqrt(passed), layer * dx, 1)
-    found = slope / (2 * math.sqrt(kappa))
-    assert found == pytest.approx(exact, rel=0.015)
-    assert -dx < offset < 0
-    assert (sim.temperature[sim.scene.held] == 2500.0).all()
-    row = sim.diagnostics()
-    assert row["stored_J"] > 0
-    assert row["conducted_out_J"] == pytest.approx(-row["stored_J"], rel=1e-12)  # what the held layers gave
-    assert (sim.flow_step, sim.surface, sim.bins) == (None, None, None)  # heat alone needs none of these
-
-
 # --------------------------------------------------------------------------- radiation
-
-
-def test_a_radiating_drop_cools_as_the_closed_form(configure, liquid):
-    """R 25 um, rho 7200, c 800, eps 0.4: 2500 to 1800 K in 75.8428 ms (METHOD)."""
-    radius, T0, T1, ambient = 25 * UM, 2500.0, 1800.0, 293.0
-
-    def time_to(T, area_ratio=1.0):  # [s], of dT/dt = -3 eps sigma (T^4 - T_a^4)/(rho c R)
-        rate = 3 * 0.4 * STEFAN_BOLTZMANN * area_ratio / (7200 * 800 * radius)
-        a = ambient
-
-        def primitive(t):
-            return (math.log((t - a) / (t + a)) / 2 - math.atan(t / a)) / (2 * a**3)
-
-        return (primitive(T0) - primitive(T)) / rate
-
-    closed = time_to(T1)
-    assert closed == pytest.approx(75.8428e-3, rel=1e-6)
-    # k = 2: the drop stays uniform to 4 eps sigma T^3 R/(3 k) = 0.6 %
-    config = configure(
-        dimension=3, spacing=5 * UM, ambient_temperature=ambient,
-        materials={"metal": liquid(density=7200, heat_capacity=800, conductivity=2, emissivity=0.4)},
-        bodies=[{"shape": "droplet", "centre": [0, 0, 0], "radius": radius, "material": "metal",
-                 "temperature": T0}],
-        physics={"flow": False}, time={"end": 0.3 * closed},
-    )  # fmt: skip
-    sim = start(config)
-    sim.run()
-    mean = float(np.average(sim.temperature, weights=sim.state.array("mass")))
-    area = float(np.sum(sim.state.array("volume") * sim.state.array("colour_strength")))
-    mass = float(sim.state.array("mass").sum())
-    with_its_area = brentq(lambda t: time_to(t, area / (4 * np.pi * radius**2)) - sim.time, T1, T0)
-    exact = brentq(lambda t: time_to(t) - sim.time, T1, T0)
-    # with the area that the colour function gives it the drop cools as it must, but for its own unevenness
-    assert mean == pytest.approx(with_its_area, abs=0.002 * (T0 - exact))
-    # that area is 19 % short at R/dx 5: the layer in which |grad c| lives is as thick as h_s inside a curved surface
-    assert 0.78 < area / (4 * np.pi * radius**2) < 1.0
-    assert T0 - mean == pytest.approx(T0 - exact, rel=0.2)
-    row = sim.diagnostics()
-    assert row["energy_error"] < 1e-12
-    assert row["radiated_J"] == pytest.approx(mass * 800 * (T0 - mean), rel=1e-9)
 
 
 def test_radiated_and_evaporated_flux_on_the_device(configure):
@@ -341,3 +225,37 @@ def test_radiated_and_evaporated_flux_on_the_device(configure):
     assert (found[:, 2:4] == 0.0).all()  # a material without evaporation data
     assert found[:, 4] == pytest.approx(0.4 * 5.670374419e-8 * (T**4 - 293.0**4), rel=1e-12)
     assert found[:, 5] == pytest.approx(0.4 * 5.670374419e-8 * (T - 293.0) ** 4, rel=1e-10)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_area_of_blocks_and_hollows(configure, liquid, dimension):
+    """A flat side keeps the area that |grad c| gives it; a block with a hollow in it has that of its sides."""
+    dx, far, thick = 5 * UM, [0.0] * dimension, [30 * UM] * (dimension - 1)
+    metal = {"shape": "box", "material": "metal", "temperature": 2500}
+    block = [{**metal, "corner": far, "size": [90 * UM] * dimension}]
+    foot = {**metal, "corner": far, "size": [90 * UM, *thick]}
+    hollow = [foot, {**metal, "corner": [*far[:-1], 30 * UM], "size": [*thick, 60 * UM]}]
+    exact = {"block": 2 * dimension * (90 * UM) ** (dimension - 1),
+             "hollow": 360 * UM if dimension == 2 else 2 * 4500 * UM**2 + 360 * 30 * UM**2}  # fmt: skip
+    for name, bodies in (("block", block), ("hollow", hollow)):
+        area = {}
+        for form in ("plain", "corrected"):
+            config = configure(
+                dimension=dimension, spacing=dx, materials={"metal": liquid(emissivity=0.4)}, bodies=bodies,
+                physics={"flow": False}, numerics={"surface_area": form},
+            )  # fmt: skip
+            sim = start(config)
+            sim.compile()
+            sim.step()
+            per_volume = sim.state.array("surface_area")
+            area[form] = float(np.dot(sim.state.array("volume"), per_volume)) / exact[name]
+            if name == "block":
+                middle = (np.abs(sim.position[:, :-1] - 45 * UM) < 5 * UM).all(axis=1)
+                middle &= sim.position[:, -1] > 60 * UM
+                column = float(np.dot(sim.state.array("volume")[middle], per_volume[middle]))
+                # layers of a lattice instead of the integral: 0.995
+                assert column / (2 * dx) ** (dimension - 1) == pytest.approx(1.0, abs=0.006)
+            assert (per_volume >= 0).all()
+        # corners of no radius count for the rest; without the correction they miss up to 40 %
+        assert area["plain"] < area["corrected"] < 1.0
+        assert area["corrected"] > 0.88

@@ -154,24 +154,6 @@ def look(sim, centre, incident):
     return power
 
 
-@pytest.mark.parametrize("dimension", [3, pytest.param(2, marks=pytest.mark.slow)])
-def test_absorbed_and_passed_through_make_up_the_power(configure, dimension):
-    """Slab, powder row, beam half off the edge or beside everything, Gaussian and top hat."""
-    sim = Simulation(lit_scene(configure, dimension, True))
-    incident = ABSORPTIVITY * POWER * line_power(sim.bins.laser, dimension)
-    across = [0.9 * UM][: dimension - 2]
-    for profile in ("gaussian", "top_hat"):
-        laser = sim.bins.laser = sim.bins.laser.model_copy(update={"profile": profile})
-        for x in (22 * UM, 75 * UM, 97.3 * UM, 120 * UM, 131 * UM):
-            power = look(sim, (x, *across), incident)
-            host, passed = on_host(sim, laser, (x, *across), incident)
-            # the identity of the host's own sums, then the device's: integer weights are rounded to 2^-40 of a
-            # bin, of which a hundred go into a sum
-            assert host.sum() + passed == pytest.approx(incident, rel=1e-13)
-            assert power.sum() + passed == pytest.approx(incident, rel=1e-12)
-            assert power == pytest.approx(host, abs=1e-11 * host.max())
-
-
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_is_skipped_as_dark_is_dark(configure, dimension):
     """The beam comes over the row of powder in half bins, as in a run; light that goes deep is cut off."""
@@ -212,39 +194,6 @@ def test_particles_at_random_places_keep_the_power(configure, bin_size):
         assert np.array_equal(look(sim, (63.3 * UM,), incident), power)
 
 
-def test_beer_lambert_through_a_slab(configure):
-    """A I0 (1 - exp(-alpha L)) in all, and layer by layer."""
-    depth = 12 * UM
-    config = configure(
-        spacing=DX,
-        bodies=[{"shape": "plate", "start": -100 * UM, "length": 200 * UM, "depth": 40 * UM, "temperature": 293}],
-        laser={**BEAM, "absorption_depth": depth, "path": [{"kind": "dwell", "at": [0.7 * UM], "duration": 1}]},
-        physics={"flow": False, "radiation": False},
-        performance={"skip_dark": False},
-    )  # fmt: skip
-    sim = Simulation(config)
-    incident = ABSORPTIVITY * POWER * line_power(config.laser, 2)
-    power = look(sim, (0.7 * UM,), incident)
-    thickness = 8 * DX
-    # the beam's whole width falls on the slab (half width 6.7 w), so only round-off is left
-    assert power.sum() == pytest.approx(incident * (1 - np.exp(-thickness / depth)), rel=1e-12)
-    layer = np.round((-sim.position[:, 1] / DX) - 0.5).astype(int)
-    inside = np.cumsum([power[layer == k].sum() for k in range(8)]) / incident
-
-    def absorbed(z):
-        return 1 - np.exp(-z / depth)
-
-    # bins are centred between the layers: a layer gets half of the bin below it, so what is in the layers down to
-    # z = k dx is the mean of Beer-Lambert half a bin above and below
-    z = DX * np.arange(1, 8)
-    assert inside[:-1] == pytest.approx(0.5 * (absorbed(z - 0.5 * DX) + absorbed(z + 0.5 * DX)), rel=1e-11)
-    # and that is the exact profile but for cosh(dx/(2 depth)) - 1 of what is left
-    left = np.exp(-z / depth)
-    assert np.abs(inside[:-1] - absorbed(z)) == pytest.approx(
-        left * (np.cosh(0.5 * DX / depth) - 1), rel=1e-9
-    )
-
-
 # --------------------------------------------------------------------------- energy over time
 
 
@@ -260,7 +209,7 @@ def test_energy_of_pulses_is_exact(configure, pulse):
     """A pulse of 1 ns in steps of a tenth of a microsecond is neither missed nor lengthened."""
     config = configure(
         spacing=10 * UM,
-        bodies=[{"shape": "plate", "start": -60 * UM, "length": 120 * UM, "depth": 40 * UM, "temperature": 293}],
+        bodies=[{"shape": "plate", "start": -80 * UM, "length": 160 * UM, "depth": 40 * UM, "temperature": 293}],
         laser={**BEAM, "power": 20, "start": 0.3e-6, "pulse": pulse,
                "path": [{"kind": "line", "start": [-20 * UM], "end": [0.0], "speed": 10.0},
                         {"kind": "line", "start": [0.0], "end": [20 * UM], "speed": 5.0, "power_fraction": 0.5}]},

@@ -319,9 +319,16 @@ class Numerics(Frozen):
         10, description="largest number of sweeps of the trapezoid"
     )
     conduction: Literal["kirchhoff", "harmonic"] = Field("kirchhoff", description="harmonic: (38)")
-    conduction_correction: bool = Field(True, description="divide (38) by its lattice moment")
+    conduction_correction: bool = Field(True, description="divide (38) by its moment")
+    conduction_moment: Literal["own", "lattice"] = Field(
+        "own", description="the moment of the particle's own neighbours, or that of a full lattice"
+    )
     radiation_law: Literal["stefan_boltzmann", "printed"] = Field(
         "stefan_boltzmann", description="printed: (T - T_inf)^4"
+    )
+    surface_area: Literal["corrected", "plain"] = Field(
+        "corrected",
+        description="of radiation and evaporation; plain: |grad c|, short by 19 % on a ball of R/dx 5",
     )
     solid_density: Literal["solidus", "true"] = Field(
         "solidus", description="mechanical density of the solid"

@@ -98,6 +98,8 @@ class LaserBins:
         size = laser.bin_size or dx
         self.laser = laser
         self.size = size
+        # bins end at multiples of their size, as the cells of the lattice and the top of a plate do
+        lower = size * (np.floor(lower / size - 0.5) + 0.5)
         self.lower = lower
         self.nodes = tuple(int(math.ceil((u - o) / size)) + 2 for o, u in zip(lower, upper, strict=True))
         depth = laser.absorption_depth or size / 3.0
@@ -227,6 +229,10 @@ class LaserBins:
         self._march(first, incident, DARK * float(fraction.max(initial=0.0)), fraction)
         self._hand_back(total, first, self.columns, bottom)
         return True
+
+    def forget(self) -> None:
+        """The beam is elsewhere: nothing is known to be dark."""
+        self.floor[None] = 1e30
 
     def bottom(self) -> float:
         """Height below which it was dark, and a reserve for the next step [m]; -inf before the first light."""

@@ -61,10 +61,16 @@ class Activity:
             self._next_centre = None
             return
         self._next_centre = centre
+        if self.bins is not None and self._last_centre is not None:
+            if math.dist(centre, self._last_centre) > self.bins.size:  # a jump, over ground that was not looked at
+                self.bins.forget()
+                self.stale = True
+        self._last_centre = centre
         if self._lit_centre is None or math.dist(centre, self._lit_centre) > self._margin:
             self.stale = True
 
     _next_centre: tuple[float, ...] | None = None
+    _last_centre: tuple[float, ...] | None = None  # of the beam when it was last on
 
     def build(self) -> None:
         """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""

@@ -1,5 +1,7 @@
 """The heat passes: rates, the time scheme, latent heat, phase.
 
+factors  of conduction: what the neighbours that are missing at a surface would have carried
+areas    surface of a particle, for radiation and evaporation
 rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
 account  energy accounts of a stage
 predict  state at the end of the step with the present rates
@@ -13,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.backend import ti
-from taichi_slm.physics.conduction import pair_conduction
+from taichi_slm.physics.conduction import own_factor, pair_conduction, side_asymmetry
+from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import phase_setter, property_setter
-from taichi_slm.physics.radiation import radiated_flux
+from taichi_slm.physics.radiation import area_density, radiated_flux
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import MOMENTUM, Ledger
 from taichi_slm.solver.timestep import stages_for
@@ -46,6 +49,10 @@ class HeatPasses:
         self.sweeps = 0  # fixed-point sweeps or stages of the last step
         self.power = ti.field(ti.f64, shape=len(POWERS))
         self._ledger = ledger
+        losses = disc.physics.radiation or disc.physics.evaporation
+        self._areas = self._compile_areas(state, rows, disc) if losses else None
+        own = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
+        self._factors = self._compile_factors(state, rows, disc) if own else None
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
         self._account = self._compile_account(state, rows, disc)
         self._predict, self._correct, self._stage = self._compile_scheme(
@@ -59,6 +66,10 @@ class HeatPasses:
         ``stable`` is the longest step of explicit Euler [s].
         """
         total = self._rows.total
+        if self._factors is not None:
+            self._factors(total)
+        if self._areas is not None:
+            self._areas(total)
         if self._scheme == "rkl2":
             self._super_step(dt, lit, stages_for(dt / stable))
         else:
@@ -115,12 +126,72 @@ class HeatPasses:
         """Let go who has melted; the lists must be built next."""
         self._release(self._rows.total)
 
+    def _compile_factors(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
+        _, F = disc.flow_kernel.functions()
+        factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
+        state.conduction_factor.fill(1.0 / disc.conduction_moment)
+        serial = disc.serial
+
+        @ti.kernel
+        def factors(total: ti.i32):
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                x = state.position[a]
+                first = x * 0.0
+                length = x[0] * 0.0
+                moment = first.outer_product(first)
+                for j in range(rows.near_count[a]):
+                    b = rows.near[a, j]
+                    r = x - state.position[b]
+                    r2 = r.norm_sqr()
+                    weight = -state.volume[b] * F(r2)
+                    first += weight * r
+                    length += weight * ti.sqrt(r2)
+                    moment += weight * r.outer_product(r)
+                state.conduction_factor[a] = factor(moment, first, length)
+
+        return factors
+
+    def _compile_areas(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
+        d = disc.dimension
+        corrected = disc.numerics.surface_area == "corrected"
+        density = area_density(d, flat_table(disc.flat.depth, disc.flat, disc.h_surface, disc.real))
+        W, F = disc.flow_kernel.functions()
+        at_zero, serial = float(disc.flow_kernel.value(0.0)), disc.serial
+
+        @ti.kernel
+        def areas(total: ti.i32):
+            ti.loop_config(serialize=serial)
+            for k in range(total):
+                a = rows.rows[k]
+                result = state.colour_strength[a]
+                normal = state.normal[a]
+                if ti.static(corrected):
+                    if normal.norm_sqr() > 0.5:
+                        x = state.position[a]
+                        divergence = x[0] * 0.0
+                        weight = state.volume[a] * at_zero
+                        for j in range(rows.near_count[a]):
+                            b = rows.near[a, j]
+                            r = x - state.position[b]
+                            r2 = r.norm_sqr()
+                            V_b = state.volume[b] * ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
+                            divergence += V_b * F(r2) * (state.normal[b] - normal).dot(r)
+                            weight += V_b * W(r2)
+                        result = density(result, -divergence / weight)
+                state.surface_area[a] = result
+
+        return areas
+
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
         numerics, physics = disc.numerics, disc.physics
         _, F = disc.flow_kernel.functions()
         one_material = len(emissivity) == 1
-        flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, disc.conduction_moment)
+        own = self._factors is not None
+        moment = 1.0 if own else disc.conduction_moment
+        flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, moment)
         radiated = radiated_flux(disc.ambient, numerics.radiation_law)
         evaporated = vapour(evaporations, disc.real)[0] if physics.evaporation else None
         emits = ti.field(disc.real, shape=len(emissivity))
@@ -138,21 +209,24 @@ class HeatPasses:
                 phi_a = state.kirchhoff[a]
                 m_a = state.material[a]
                 V_a = state.volume[a]
+                g_a = state.conduction_factor[a]
                 conducted = x[0] * 0.0
                 for j in range(rows.near_count[a]):
                     b = rows.near[a, j]
                     same = ti.cast(state.material[b] == m_a, ti.i32)
                     slope = state.volume[b] * F((x - state.position[b]).norm_sqr())
+                    if ti.static(own):
+                        slope *= 0.5 * (g_a + state.conduction_factor[b])
                     conducted += slope * flux(
                         same, T_a, state.temperature[b], k_a, state.conductivity[b], phi_a, state.kirchhoff[b]
                     )
                 heating = ti.cast(V_a * conducted, ti.f64)
                 if ti.static(physics.radiation):
-                    lost = V_a * state.colour_strength[a] * radiated(emits[m_a], T_a)
+                    lost = V_a * state.surface_area[a] * radiated(emits[m_a], T_a)
                     state.radiated[a] = lost
                     heating -= lost
                 if ti.static(physics.evaporation):
-                    lost = V_a * state.colour_strength[a] * evaporated(m_a, T_a)
+                    lost = V_a * state.surface_area[a] * evaporated(m_a, T_a)
                     state.evaporated[a] = lost
                     heating -= lost
                 if lit != 0:
