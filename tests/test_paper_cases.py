@@ -10,6 +10,9 @@ from taichi_slm.analysis.mixing import dispersed, foreign_share, stirred
 from taichi_slm.analysis.voronoi import cell_volumes
 from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
+from taichi_slm.output.atomic import write_json
+from taichi_slm.run.run_folder import read_json
+from taichi_slm.verification.case import Outcome
 from taichi_slm.verification.cases import (
     simonds_spot,
     spot_weld,
@@ -20,6 +23,7 @@ from taichi_slm.verification.cases import (
 )
 from taichi_slm.verification.measured import table
 from taichi_slm.verification.pools import VARIANTS, watch_pool
+from taichi_slm.verification.verify import judged
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -122,3 +126,14 @@ def test_a_pool_is_watched_until_its_scene_is_finished(track):
     assert found.energy_error < 1e-5
     assert found.mean("length", 0.0, 30e-6) == pytest.approx(found.length[found.time <= 30e-6].mean())
     assert np.isnan(found.mean("length", 1.0))
+
+
+def test_a_number_that_is_not_finite_keeps_no_limit_in_a_file_either(tmp_path):
+    outcome = Outcome()
+    outcome.judge("lost", np.nan, 1.0, limit=0.1, why="a run that blew up")
+    outcome.at_least("lost too", np.nan, limit=0.0, why="a run that blew up")
+    outcome.at_least("there", 1.0, limit=0.0, why="it did not")
+    write_json(tmp_path / "outcome.json", outcome.to_json())
+    rows = Outcome.from_json(read_json(tmp_path / "outcome.json")).rows
+    assert [row.holds for row in rows] == [False, False, True]
+    assert [judged(row) for row in rows][1:] == ["not finite, at least 0", "1, at least 0"]

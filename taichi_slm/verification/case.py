@@ -1,7 +1,8 @@
 """What a verification case is, and what comes out of one."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -98,8 +99,9 @@ class Outcome:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> "Outcome":
-        """What :meth:`to_json` wrote."""
+        """What :meth:`to_json` wrote; a number that is not finite is null in a file."""
         rows = [Row(**{k: v for k, v in row.items() if k != "holds"}) for row in data["rows"]]
+        rows = [replace(row, computed=math.nan) if row.computed is None else row for row in rows]
         plots = [
             Plot(**{**plot, "curves": [Curve(**curve) for curve in plot["curves"]]}) for plot in data["plots"]
         ]

@@ -39,6 +39,10 @@ class PoolHistory:
     energy_error: float = 0.0
     failure: str = ""
 
+    def largest(self, name: str) -> float:
+        """Largest value at any time; NaN if the run ended before the first."""
+        return float(np.max(getattr(self, name))) if len(self.time) else float("nan")
+
     def mean(self, name: str, after: float, until: float = np.inf) -> float:
         """Mean of a size over the times in (after, until] [s]: equal runs scatter by some 5 % at one instant."""
         chosen = (self.time > after) & (self.time <= until)

@@ -80,8 +80,8 @@ def compute(outcome: Outcome) -> None:
             outcome.show(
                 f"first melt, {label}", first, row["time_to_melt_ms"], unit="ms", note="every 0.1 ms"
             )
-        outcome.show(f"largest temperature, {label}", found.hottest.max(), unit="K")
-        outcome.show(f"largest speed, {label}", found.fastest.max(), unit="m/s")
+        outcome.show(f"largest temperature, {label}", found.largest("hottest"), unit="K")
+        outcome.show(f"largest speed, {label}", found.largest("fastest"), unit="m/s")
         curves += [Curve(f"width, {label}", found.time / 1e-3, size / UM),
                    Curve(f"depth, {label}", found.time / 1e-3, found.depth / UM, "dashed")]  # fmt: skip
     measured = [row["pool_width_um"], row["pool_depth_um_probable"]]

@@ -79,7 +79,7 @@ def weld(config: Config) -> Pool:
     late = (found.time > WINDOW) & (found.time <= END + 1e-9)
     means = (float(radii[late].mean()), float(found.depth[late].mean())) if late.any() else (np.nan, np.nan)
     return Pool(found.time / MS, radii / MM, found.depth / MM, means[0] / MM, means[1] / MM,
-                float(found.hottest.max()), found.removed_kg)  # fmt: skip
+                found.largest("hottest"), found.removed_kg)  # fmt: skip
 
 
 def _measured() -> tuple[float, float]:

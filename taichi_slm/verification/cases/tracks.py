@@ -99,8 +99,8 @@ def _show(outcome: Outcome, power: int, run: PoolHistory, powder: int) -> None:
     outcome.show(f"roughness, {power} W", track.roughness_m / UM, unit="um")
     outcome.show(f"pieces of powder and plate, {power} W", track.pieces, note="1: bonded")
     outcome.show(f"removed, {power} W", run.removed_kg / 1e-9, unit="ug/m")
-    outcome.show(f"longest pool, {power} W", run.length.max() / UM, unit="um")
-    outcome.show(f"largest temperature, {power} W", run.hottest.max(), unit="K")
+    outcome.show(f"longest pool, {power} W", run.largest("length") / UM, unit="um")
+    outcome.show(f"largest temperature, {power} W", run.largest("hottest"), unit="K")
 
 
 CASES = [Case("tracks", "Power study: tracks of 50 to 200 W", "paper", "long", compute)]

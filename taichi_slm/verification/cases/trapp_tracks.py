@@ -71,8 +71,8 @@ def compute(outcome: Outcome) -> None:
                     outcome.show(
                         f"{size} of the last fifth over that before, {label}", after / before, note="steady"
                     )
-            outcome.show(f"largest temperature, {label}", found.hottest.max(), unit="K")
-            outcome.show(f"largest speed, {label}", found.fastest.max(), unit="m/s")
+            outcome.show(f"largest temperature, {label}", found.largest("hottest"), unit="K")
+            outcome.show(f"largest speed, {label}", found.largest("fastest"), unit="m/s")
             curves += [Curve(f"width, {name}", found.time / 1e-3, found.width / UM),
                        Curve(f"depth, {name}", found.time / 1e-3, found.depth / UM, "dashed")]  # fmt: skip
         last = [found.time[-1] / 1e-3] * 2

@@ -158,7 +158,7 @@ def _waves(outcome: Outcome) -> None:
         peaks.append(float(start.wave.max()))
         curves.append(Curve(f"c0 {c0:g}", start.time * c0, start.wave * c0 / RATE))
         outcome.show(f"peak of the density at the floor, c0 {c0:g}", peaks[-1], RATE / c0,
-                     note="Du/c0; the rate of expansion grows by 4 % to the peak at c0 20")  # fmt: skip
+                     note="Du/c0; sound is slower on the lattice, 0.9638 c0, and the rate grows meanwhile")  # fmt: skip
     exponent = float(np.polyfit(np.log(speeds), np.log(peaks), 1)[0])
     outcome.judge("exponent of the peak in c0", exponent, -1.0, limit=0.15,
                   why="Du/c0; what bends it is of the next order in 1/c0, 4 % of the rate at c0 20")  # fmt: skip
