@@ -127,7 +127,7 @@ def compute_quick(outcome: Outcome) -> None:
 def compute(outcome: Outcome) -> None:
     """2-D and 3-D with the other forms beside, and two conductivities."""
     curves = [trend(outcome, 2, (10, 20, 40)), *beside(outcome, 2, (10, 20, 40))]
-    curves += [trend(outcome, 3, (10, 16, 24)), *beside(outcome, 3, (10, 16, 24))]
+    curves += [trend(outcome, 3, (12, 18, 27)), *beside(outcome, 3, (12, 18, 27))]
     outcome.plot("heat_decay", "Decay of a wave", "dx / L", "L2 error", curves, "xy")
     counts, errors = (10, 20, 40), []
     for count in counts:
