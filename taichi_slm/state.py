@@ -19,6 +19,7 @@ class Needs:
     heat: bool
     surface: bool  # colour gradient, normals
     tension: bool  # curvature and surface forces
+    losses: bool  # radiation, evaporation
     viscous_heating: bool
     printed_leapfrog: bool
 
@@ -74,7 +75,7 @@ class State:
             self.radiated = scalar("radiated")  # [W]; heat rates
             self.evaporated = scalar("evaporated")  # [W]; heat rates
             self.laser = scalar("laser", ti.f64)  # absorbed [W]; laser
-        if needs.heat and needs.surface:
+        if needs.losses:
             self.surface_area = scalar("surface_area")  # per volume of metal [1/m]; areas
         if needs.viscous_heating:
             self.viscous_work = scalar("viscous_work", ti.f64)  # [J] since the last heat step; momentum

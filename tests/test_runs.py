@@ -180,9 +180,10 @@ def test_what_is_off_is_not_allocated(track):
         "wall_force",
         "viscous_work",
         "surface_tension_slope",
+        "surface_area",
     }
     radiating = names_of(track(physics={"flow": False}))
-    assert radiating - conduction == {"normal", "colour_gradient", "colour_strength"}
+    assert radiating - conduction == {"normal", "colour_gradient", "colour_strength", "surface_area"}
 
     off = dict.fromkeys(("heat", "surface_tension", "marangoni", "radiation", "viscous_heating"), False)
     flow = names_of(track(physics=off, laser=None, numerics={"packing_correction": 0}))

@@ -62,7 +62,8 @@ class Activity:
             return
         self._next_centre = centre
         if self.bins is not None and self._last_centre is not None:
-            if math.dist(centre, self._last_centre) > self.bins.size:  # a jump, over ground that was not looked at
+            # a jump, over ground that was not looked at
+            if math.dist(centre, self._last_centre) > self.bins.size:
                 self.bins.forget()
                 self.stale = True
         self._last_centre = centre

@@ -49,8 +49,7 @@ class HeatPasses:
         self.sweeps = 0  # fixed-point sweeps or stages of the last step
         self.power = ti.field(ti.f64, shape=len(POWERS))
         self._ledger = ledger
-        losses = disc.physics.radiation or disc.physics.evaporation
-        self._areas = self._compile_areas(state, rows, disc) if losses else None
+        self._areas = self._compile_areas(state, rows, disc) if state.needs.losses else None
         own = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
         self._factors = self._compile_factors(state, rows, disc) if own else None
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)

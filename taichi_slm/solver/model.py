@@ -37,6 +37,7 @@ def needs_of(config: Config) -> Needs:
         heat=physics.heat,
         surface=tension or losses or packing,
         tension=tension,
+        losses=losses,
         viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
         printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
     )
