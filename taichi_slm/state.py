@@ -19,6 +19,9 @@ class Needs:
     heat: bool
     surface: bool  # colour gradient, normals
     tension: bool  # curvature and surface forces
+    balanced: bool  # capillary pressure through the operator of the pressure gradient
+    shifting: bool
+    wall_velocity: bool
     losses: bool  # radiation, evaporation
     viscous_heating: bool
     printed_leapfrog: bool
@@ -88,6 +91,10 @@ class State:
             self.reference_position = vector("reference_position")
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force")  # [N] from walls on a mobile particle; momentum
+        if needs.wall_velocity:
+            self.wall_velocity = vector(
+                "wall_velocity"
+            )  # [m/s] that a still particle shows to viscosity; wall pressure
         if needs.printed_leapfrog:
             self.acceleration_before = vector("acceleration_before")  # [m/s^2]; kick
         if needs.surface:
@@ -98,7 +105,15 @@ class State:
             self.surface_tension = scalar("surface_tension")  # [N/m]; phase change
             self.surface_tension_slope = scalar("surface_tension_slope")  # [N/(m K)]; phase change
             self.curvature = scalar("curvature")  # [1/m], negative on a drop; surface forces
-            self.surface_force = vector("surface_force")  # [N/m^d]; surface forces
+            self.surface_force = vector("surface_force")  # [N/m^d]; surface forces, momentum
+        if needs.balanced:
+            self.tangential_force = vector("tangential_force")  # [N/m^d], Marangoni; surface forces
+            self.capillary = scalar("capillary")  # capillary pressure of the surface [Pa]; surface forces
+            self.at_surface = scalar("at_surface")  # its weight, 0 inside to 1; surface forces
+            self.background = scalar("background")  # its smooth extension inwards [Pa]; move
+            self.background_mean = scalar("background_mean")  # of the neighbours' [Pa]; continuity
+        if needs.shifting:
+            self.shift = vector("shift")  # [m/s]; momentum
 
     def load(self, **arrays: np.ndarray) -> None:
         """Copy numpy arrays of shape [n] or [n, d] into the fields of those names."""

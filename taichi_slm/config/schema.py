@@ -279,14 +279,34 @@ class Numerics(Frozen):
     pressure_form: Literal["sum", "gamma"] = Field(
         "sum", description="gamma: p_b/Gamma_a + p_a/Gamma_b as printed in (11)"
     )
-    packing_correction: NonNegativeNumber = Field(
-        0.02, description="rate of the packing correction, in c0/h; 0: none"
+    gradient_correction: bool = Field(
+        True, description="divide the pressure gradient and the divergence by their lattice moment"
     )
-    viscosity_correction: bool = Field(True, description="divide (12) by its lattice moment")
+    packing_correction: NonNegativeNumber = Field(
+        0.05, description="rate of the packing correction, in c0/h; 0: none"
+    )
+    viscosity_form: Literal["isotropic", "printed"] = Field(
+        "isotropic",
+        description="isotropic: weighted so that all directions of a lattice are alike; printed: (12)",
+    )
+    viscosity_correction: bool = Field(
+        True, description="divide the printed form of (12) by its lattice moment"
+    )
     artificial_viscosity: NonNegativeNumber = Field(
         0.0, description="alpha: adds rho alpha h c0/(2(d+2)) to mu"
     )
-    walls: Literal["no_slip", "free_slip"] = "no_slip"
+    walls: Literal["no_slip", "no_slip_centres", "free_slip"] = Field(
+        "no_slip", description="no_slip: at the face of a wall; no_slip_centres: where its particles are"
+    )
+    tension: Literal["balanced", "body_force"] = Field(
+        "balanced",
+        description="balanced: the capillary pressure enters through the operator of the pressure gradient; "
+        "body_force: (25) as printed",
+    )
+    shifting: NonNegativeNumber | None = Field(
+        None,
+        description="strength of particle shifting, per h^2 of shear; default 200 under surface tension, else 0",
+    )
     colour_gradient: Literal["plain", "gamma"] = Field("plain", description="gamma: (20) as printed")
     normal_cut: NonNegativeNumber = Field(
         0.2, description="normals exist where h_s |grad c| exceeds this (21)"

@@ -6,8 +6,12 @@ Equation   n_a = 2 Sum_b V_b F r_ab over all metal, h/dx 1.8 (inward)           
            kappa <- kappa / max(1 - kappa s/(d-1), 1/2), s = depth of the particle: the surface's curvature,
            not that of the parallel surface at the particle's depth
            kappa clipped to +-1/(2 h_s)                                                          (24)
-           f = -sigma kappa n                                                                    (25)
-Printed    `colour_gradient: gamma`, `curvature: printed`, `curvature_clip: printed`, `depth_correction: false`
+           balanced: b_a = -sigma kappa at the surface, carried inwards as the mean of the neighbours', and
+           f = 2 b_a Sum_b V_b F r_ab/M, so that the pressure gradient works on (p_a + p_b - 2 b_a): a pressure equal
+           to the capillary one does nothing, however the particles lie. With (25) it acts as a weak solid of about
+           1 % of the pressure, which stops a Marangoni flow after some spacings of sliding.
+Printed    f = -sigma kappa n (25) (`tension: body_force`),
+           `colour_gradient: gamma`, `curvature: printed`, `curvature_clip: printed`, `depth_correction: false`
 Source     Brackbill, Kothe, Zemach 1992, J. Comput. Phys. 100, 335; Morris 2000; the depth correction is this project's
 Reads      position, volume, surface_tension [N/m]      Writes  colour_gradient, normal, curvature, surface_force
 Skipped    away from surfaces; where nothing moves
@@ -23,6 +27,16 @@ from taichi_slm.backend import ti
 def stable_dt(h_surface: float, rho: float, sigma: float, factor: float) -> float:
     """Capillary limit factor sqrt(rho h_s^3/(2 pi sigma)) [s], eq. (43) with the root that the print lost."""
     return factor * math.sqrt(rho * h_surface**3 / (2.0 * math.pi * sigma)) if sigma > 0 else math.inf
+
+
+def surface_weight(h_surface: float, cut: float) -> Any:
+    """The Taichi function |grad c| -> how much a particle is of the surface: 0 at the cut of (21), 1 from cut + 0.3."""
+
+    @ti.func
+    def weight(strength):
+        return ti.max(0.0, ti.min((strength * h_surface - cut) / 0.3, 1.0))
+
+    return weight
 
 
 def surface_curvature(

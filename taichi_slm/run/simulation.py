@@ -171,7 +171,7 @@ class Simulation:
             span = min(
                 span, FLOW_ONLY_STEPS * flow_dt if self.flow_step is not None and self.moving else flow_dt
             )
-        if span >= remaining:
+        if span >= remaining * (1.0 - 1e-9):  # a step to the end, not one and a crumb of round-off
             span = remaining
         elif span > 0.5 * remaining:
             span = 0.5 * remaining

@@ -5,7 +5,7 @@ from typing import Any
 
 from taichi_slm.config.schema import Numerics, Physics
 from taichi_slm.sph.kernel import Wendland
-from taichi_slm.sph.lattice import FlatSurface, conduction_moment, flat_surface, viscosity_moment
+from taichi_slm.sph.lattice import FlatSurface, conduction_moment, flat_surface
 
 
 @dataclass(frozen=True)
@@ -17,12 +17,13 @@ class Discretisation:
     flow_kernel: Wendland
     surface_kernel: Wendland
     conduction_moment: float
-    viscosity_moment: float
+    gradient_moment: float
     flat: FlatSurface
     physics: Physics
     numerics: Numerics
     gravity: float
     ambient: float
+    shifting: float
     serial: bool  # loops on one thread (CPU, small scenes)
     ordered: bool  # reductions in one fixed order (CPU)
     real: Any
@@ -45,15 +46,15 @@ class Discretisation:
 
 
 def discretise(dimension: int, dx: float, physics: Physics, numerics: Numerics, gravity: float, ambient: float,
-               serial: bool, ordered: bool, real: Any) -> Discretisation:  # fmt: skip
+               shifting: float, serial: bool, ordered: bool, real: Any) -> Discretisation:  # fmt: skip
     """Evaluate kernels, lattice moments and the flat-surface tables once."""
     flow = Wendland(dimension, numerics.smoothing * dx)
     surface = Wendland(dimension, numerics.surface_smoothing * dx)
     return Discretisation(
         dimension=dimension, dx=dx, flow_kernel=flow, surface_kernel=surface,
         conduction_moment=conduction_moment(flow, dx) if numerics.conduction_correction else 1.0,
-        viscosity_moment=viscosity_moment(flow, dx) if numerics.viscosity_correction else 1.0,
+        gradient_moment=conduction_moment(flow, dx) if numerics.gradient_correction else 1.0,
         flat=flat_surface(surface, flow, dx),
         physics=physics, numerics=numerics, gravity=gravity, ambient=ambient,
-        serial=serial, ordered=ordered, real=real,
+        shifting=shifting, serial=serial, ordered=ordered, real=real,
     )  # fmt: skip

@@ -13,7 +13,8 @@ from taichi_slm.backend import ti
 from taichi_slm.physics import continuity as continuity_terms
 from taichi_slm.physics.equation_of_state import pressure_of
 from taichi_slm.physics.pressure import pair_pressure, wall_pressure
-from taichi_slm.physics.viscosity import pair_viscosity
+from taichi_slm.physics.shifting import displacement, shear_rate_of
+from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight, wall_velocity
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import PACKING_BRACKETS, WALL_SUCTION, Ledger
 from taichi_slm.sph.neighbours import Neighbours
@@ -57,7 +58,7 @@ class FlowPasses:
 
     def _compile_advance(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
         pressure = pressure_of(disc.numerics.sound_speed)
-        serial = disc.ordered
+        serial, balanced = disc.ordered, state.needs.balanced
 
         @ti.kernel
         def advance(mobile: ti.i32, drift: disc.real, density: disc.real):
@@ -70,6 +71,11 @@ class FlowPasses:
                     state.density[a] = rho
                     state.volume[a] = state.mass[a] / rho
                     state.pressure[a] = pressure(rho, state.reference_density[a])
+                    if ti.static(balanced):
+                        weight = state.at_surface[a]
+                        state.background[a] = (
+                            weight * state.capillary[a] + (1.0 - weight) * state.background_mean[a]
+                        )
 
         return advance
 
@@ -78,7 +84,8 @@ class FlowPasses:
         extrapolated = wall_pressure(disc.gravity, disc.dimension - 1)
         serial, uses_shepard = disc.serial, disc.uses_shepard
         at_zero = float(disc.flow_kernel.value(0.0))
-        clamps = ledger.clamps
+        clamps, shows_velocity = ledger.clamps, state.needs.wall_velocity
+        shown = wall_velocity(disc.numerics.walls == "no_slip")
 
         @ti.kernel
         def walls(flow: ti.i32):
@@ -89,6 +96,8 @@ class FlowPasses:
                     x = state.position[a]
                     total = x[0] * 0.0
                     weight = x[0] * 0.0
+                    velocity = x * 0.0
+                    away = x * 0.0
                     gamma = state.volume[a] * at_zero
                     for j in range(rows.near_count[a]):
                         b = rows.near[a, j]
@@ -99,6 +108,9 @@ class FlowPasses:
                             w = W(r.norm_sqr())
                             total += w * extrapolated(state.pressure[b], state.density[b], r)
                             weight += w
+                            if ti.static(shows_velocity):
+                                velocity += w * state.velocity[b]
+                                away += w * r
                     p = total * 0.0
                     if weight > 0.0:
                         p = total / weight
@@ -106,6 +118,8 @@ class FlowPasses:
                             p = 0.0
                             ti.atomic_add(clamps[WALL_SUCTION], 1)
                     state.pressure[a] = p
+                    if ti.static(shows_velocity):
+                        state.wall_velocity[a] = shown(velocity / ti.max(weight, 1e-300), away)
                     if ti.static(uses_shepard):
                         state.shepard[a] = gamma
 
@@ -115,10 +129,14 @@ class FlowPasses:
         d, numerics, needs = disc.dimension, disc.numerics, state.needs
         _, F = disc.flow_kernel.functions()
         pressure = pair_pressure(numerics.pressure_form)
-        viscosity = pair_viscosity(d, disc.h, disc.viscosity_moment)
+        viscosity = pair_viscosity(
+            viscous_weight(disc.flow_kernel, numerics.viscosity_form, numerics.viscosity_correction, disc.dx)
+        )
         gamma_form = numerics.pressure_form == "gamma"
-        no_slip = numerics.walls == "no_slip"
         gravity, serial = disc.gravity, disc.serial
+        moment = disc.gradient_moment
+        shift, shear_rate = displacement(disc.shifting, disc.h), shear_rate_of(d)
+        sound_speed2 = numerics.sound_speed**2
 
         @ti.kernel
         def momentum(mobile: ti.i32, dt: disc.real):
@@ -135,6 +153,9 @@ class FlowPasses:
                         gamma_a = state.shepard[a]
                     force = u * 0.0
                     from_walls = u * 0.0
+                    crowding = u * 0.0  # Sum V grad W: zero where the particles are in order
+                    push = u * 0.0
+                    gradient = u.outer_product(u) * 0.0  # of the velocity
                     dissipated = u[0] * 0.0
                     for j in range(rows.near_count[a]):
                         b = rows.near[a, j]
@@ -145,17 +166,35 @@ class FlowPasses:
                         if ti.static(gamma_form):
                             gamma_b = state.shepard[b]
                         u_dot_r = (u - state.velocity[b]).dot(r)
+                        sheared = u_dot_r
                         moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
-                        stress = viscosity(mu_a, state.viscosity[b], u_dot_r, r2)
-                        if ti.static(not no_slip):
-                            stress *= moves
-                        term = slope * (stress - pressure(p_a, state.pressure[b], gamma_a, gamma_b)) * r
+                        if ti.static(needs.wall_velocity):
+                            if state.mobility[b] != MOBILE:
+                                sheared = (u - state.wall_velocity[b]).dot(r)
+                        stress = viscosity(mu_a, state.viscosity[b], sheared, r2)
+                        p = pressure(p_a, state.pressure[b], gamma_a, gamma_b) / moment
+                        term = slope * (stress - p) * r
                         force += term
+                        if ti.static(needs.shifting):
+                            push += slope * p * r
+                        if ti.static(needs.balanced or needs.shifting):
+                            crowding += slope * r
+                        if ti.static(needs.shifting):
+                            gradient -= moves * slope * (u - state.velocity[b]).outer_product(r)
                         from_walls += (1.0 - moves) * term
                         if ti.static(needs.viscous_heating):
                             dissipated -= (1.0 - 0.5 * moves) * slope * stress * u_dot_r
+                    if ti.static(needs.balanced):
+                        state.surface_force[a] = (
+                            state.tangential_force[a] + 2.0 / moment * state.background[a] * crowding
+                        )
                     if ti.static(needs.tension):
                         force += state.surface_force[a]
+                    if ti.static(needs.shifting):
+                        by = shift(crowding, state.normal[a], shear_rate(gradient), dt)
+                        state.shift[a] = by
+                        # the pressure stays where it was; its gradient is that of the differences
+                        state.density[a] += by.dot(push - 2.0 / moment * p_a * crowding) / sound_speed2
                     acceleration = force / state.density[a]
                     acceleration[d - 1] -= gravity
                     if ti.static(needs.printed_leapfrog):
@@ -171,6 +210,7 @@ class FlowPasses:
         d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.ordered
         moved, fastest, tension, gravity = self.moved, self.fastest, state.needs.tension, disc.gravity
         chunks = 1 if ordered else 1024
+        shifts = state.needs.shifting
 
         @ti.kernel
         def kick(mobile: ti.i32, dt: disc.real, dt_before: disc.real, drift: disc.real):
@@ -191,6 +231,8 @@ class FlowPasses:
                             u -= 0.5 * dt_before * state.acceleration_before[a]
                         u += dt * state.acceleration[a]
                         x = state.position[a] + drift * u
+                        if ti.static(shifts):
+                            x += state.shift[a]
                         state.position[a] = x
                         if ti.static(printed):  # the velocity at the full step is an extrapolation
                             state.velocity[a] = u + 0.5 * dt * state.acceleration[a]
@@ -236,6 +278,7 @@ class FlowPasses:
         )
         at_zero = float(disc.flow_kernel.value(0.0))
         serial, clamps = disc.serial, ledger.clamps
+        moment, balanced = disc.gradient_moment, state.needs.balanced
 
         @ti.kernel
         def continuity(mobile: ti.i32):
@@ -250,6 +293,10 @@ class FlowPasses:
                     divergence = x[0] * 0.0
                     diffused = x[0] * 0.0
                     gamma = state.volume[a] * at_zero
+                    weight = gamma
+                    background = x[0] * 0.0
+                    if ti.static(balanced):
+                        background = weight * state.background[a]
                     for j in range(rows.near_count[a]):
                         b = rows.near[a, j]
                         r = x - state.position[b]
@@ -261,7 +308,12 @@ class FlowPasses:
                         excess_b = state.density[b] - state.reference_density[b]
                         diffused -= moves * slope * diffusion(excess, excess_b, rho)
                         gamma += V * W(r2)
-                    rate = rho * divergence + diffused
+                        if ti.static(balanced):
+                            weight += moves * V * W(r2)
+                            background += moves * V * W(r2) * state.background[b]
+                    rate = rho * divergence / moment + diffused
+                    if ti.static(balanced):
+                        state.background_mean[a] = background / weight
                     if ti.static(packed):
                         correction, bracketed = restoring(gamma, state.colour_strength[a], rho)
                         rate += correction

@@ -10,6 +10,7 @@ from taichi_slm.materials.tables import tabulate
 from taichi_slm.physics.laser import LaserBins
 from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import needed_tables, property_setter
+from taichi_slm.physics.shifting import UNDER_TENSION
 from taichi_slm.physics.viscosity import artificial_viscosity
 from taichi_slm.scene.scene import Scene
 from taichi_slm.solver.activity import WARM_FROM, Activity
@@ -35,12 +36,23 @@ def needs_of(config: Config) -> Needs:
     return Needs(
         flow=physics.flow,
         heat=physics.heat,
-        surface=tension or losses or packing,
+        surface=tension or losses or packing or shifting_strength(config) > 0,
         tension=tension,
+        balanced=tension and physics.surface_tension and numerics.tension == "balanced",
+        shifting=physics.flow and shifting_strength(config) > 0,
+        wall_velocity=physics.flow and numerics.walls != "no_slip_centres",
         losses=losses,
         viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
         printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
     )
+
+
+def shifting_strength(config: Config) -> float:
+    """The strength of the particle shifting, by default that of a scene with or without surface tension."""
+    given = config.numerics.shifting
+    if given is None:
+        return UNDER_TENSION if config.physics.flow and config.physics.surface_tension else 0.0
+    return given
 
 
 class Model:
@@ -54,8 +66,9 @@ class Model:
         d, dx = scene.dimension, scene.spacing
         self.config, self.scene = config, scene
         self.disc = disc = discretise(
-            d, dx, config.physics, numerics, config.gravity, config.ambient_temperature, serial, ordered, real
-        )
+            d, dx, config.physics, numerics, config.gravity, config.ambient_temperature, shifting_strength(config),
+            serial, ordered, real,
+        )  # fmt: skip
         self.host_tables = tabulate(scene.materials, numerics.solid_density)
         self.limits = StepLimits(config, self.host_tables)
         self.state = state = State(scene.count, d, needs, real)

@@ -9,8 +9,9 @@ from typing import Any
 from taichi_slm.backend import ti
 from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.evaporation import vapour
-from taichi_slm.physics.marangoni import renormalised_gradient, tangential_force
-from taichi_slm.physics.surface_tension import surface_curvature
+from taichi_slm.physics.marangoni import missing_stress, renormalised_gradient, tangential_force
+from taichi_slm.physics.surface_tension import surface_curvature, surface_weight
+from taichi_slm.physics.viscosity import viscous_weight
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import CURVATURE_CLIPS, SINGULAR_GRADIENTS, Ledger
 from taichi_slm.sph.cells import Cells
@@ -65,6 +66,7 @@ class SurfacePasses:
         inside = INSIDE * disc.flat.largest / disc.h_surface
         serial, ordered = disc.serial, disc.ordered
         near_surface, ends = self._near_surface, self._ends
+        balanced = state.needs.balanced
 
         @ti.func
         def store(a, gradient):
@@ -119,7 +121,11 @@ class SurfacePasses:
                 if skip == 0 or state.colour_strength[rows.rows[k]] > inside:
                     near_surface[ti.atomic_add(ends[0], 1)] = k
                 elif ti.static(state.needs.tension):
-                    state.surface_force[rows.rows[k]] = state.position[rows.rows[k]] * 0.0
+                    still = state.position[rows.rows[k]] * 0.0
+                    state.surface_force[rows.rows[k]] = still
+                    if ti.static(balanced):
+                        state.tangential_force[rows.rows[k]] = still
+                        state.at_surface[rows.rows[k]] = 0.0
             ends[1] = ends[0]
             ti.loop_config(serialize=ordered)
             for k in range(mobile, flow):
@@ -144,6 +150,12 @@ class SurfacePasses:
         times_liquid = numerics.surface_times_liquid
         at_zero = float(disc.surface_kernel.value(0.0))
         serial, clamps, near_surface = disc.serial, ledger.clamps, self._near_surface
+        balanced = state.needs.balanced
+
+        _, F_flow = disc.flow_kernel.functions()
+        form, corrected = numerics.viscosity_form, numerics.viscosity_correction
+        missing_of = missing_stress(F_flow, viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
+        weight_of = surface_weight(disc.h_surface, numerics.normal_cut)
 
         @ti.func
         def pair(a, b, normal, T):
@@ -169,6 +181,8 @@ class SurfacePasses:
                 a = rows.rows[k]
                 force = state.position[a] * 0.0
                 kappa = state.position[a][0] * 0.0
+                capillary = kappa
+                at_surface = kappa
                 normal = state.normal[a]
                 if state.mobility[a] == MOBILE and normal.norm_sqr() > 0.5:
                     T = state.temperature[a]
@@ -178,8 +192,14 @@ class SurfacePasses:
                     gamma = weight
                     plain = force
                     moment = force.outer_product(force)
+                    missing = moment
                     for j in range(rows.near_count[a]):
-                        v, w, p, m, g = pair(a, rows.near[a, j], normal, T)
+                        b = rows.near[a, j]
+                        v, w, p, m, g = pair(a, b, normal, T)
+                        if ti.static(balanced and marangoni):
+                            missing += missing_of(
+                                state.volume[b], normal, state.position[a] - state.position[b]
+                            )
                         divergence += v
                         weight += w
                         plain += p
@@ -196,7 +216,7 @@ class SurfacePasses:
                     kappa, clipped = curvature(divergence, weight, strength)
                     if clipped:
                         ti.atomic_add(clamps[CURVATURE_CLIPS], 1)
-                    if ti.static(physics.surface_tension):
+                    if ti.static(physics.surface_tension and not balanced):
                         force = -state.surface_tension[a] * kappa * state.colour_gradient[a]
                     if ti.static(marangoni):
                         gradient = plain / gamma
@@ -205,12 +225,28 @@ class SurfacePasses:
                             gradient, singular = gradient_of(plain, moment)
                             if singular:
                                 ti.atomic_add(clamps[SINGULAR_GRADIENTS], 1)
-                        force += tangential(state.surface_tension_slope[a], gradient, normal, strength)
+                        if ti.static(balanced):
+                            stress = tangential(state.surface_tension_slope[a], gradient, normal, 1.0)
+                            force += missing @ stress
+                        else:
+                            force += tangential(state.surface_tension_slope[a], gradient, normal, strength)
+                    if ti.static(balanced):
+                        capillary = -state.surface_tension[a] * kappa
+                        at_surface = weight_of(strength)
                     if ti.static(times_liquid):
                         force *= state.liquid_fraction[a]
+                        capillary *= state.liquid_fraction[a]
                     if ti.static(physics.recoil):
-                        force += recoil(state.material[a], T) * state.colour_gradient[a]
+                        if ti.static(balanced):
+                            capillary += recoil(state.material[a], T)
+                        else:
+                            force += recoil(state.material[a], T) * state.colour_gradient[a]
                 state.curvature[a] = kappa
-                state.surface_force[a] = force
+                if ti.static(balanced):
+                    state.tangential_force[a] = force
+                    state.capillary[a] = capillary
+                    state.at_surface[a] = at_surface
+                else:
+                    state.surface_force[a] = force
 
         return forces

@@ -9,7 +9,7 @@ Exact    (a) dT/dt = 2 mu D:D/(rho c) = mu s^2/(rho c), whatever the direction; 
 Measured rise of temperature over one step, of the particles with a full support; in (c) the kinetic energy and the
          accelerations of every step
 
-A lattice at h/dx 1.2 makes the viscous sum (12) anisotropic, 0.750 along its axes, 1.157 across them (taylor_green).
+The printed sum (12) is anisotropic on a lattice, 0.750 along its axes, 1.157 across them (taylor_green).
 """
 
 import numpy as np
@@ -115,7 +115,7 @@ def compute(outcome: Outcome) -> None:
     outcome.judge(f"rate in a vortex, L/dx {along[-1]}", 1.0 + found[along[-1]][0], 1.0, limit=0.02,
                   why="second order in dx, and one viscosity in every direction")  # fmt: skip
     outcome.order("order in the spacing", [1.0 / n for n in along], [found[n][1] for n in along],
-                  why="shown: the sum keeps its anisotropy on the lattice at any spacing")  # fmt: skip
+                  why="shown: at the finest the error is that of the time step")  # fmt: skip
     outcome.plot("viscous_heating", "Viscous heat in a vortex", "L/dx", "relative error of the first rate",
                  [Curve("mean", list(along), [abs(found[n][0]) for n in along]),
                   Curve("root mean square", list(along), [found[n][1] for n in along])], "xy")  # fmt: skip
