@@ -28,8 +28,8 @@ def write_page(report_file: Path, page: Path) -> None:
         "Every claim has a measured error. This page is written by `taichi-slm verify --page docs/verification.md`; "
         "do not edit it.",
         "",
-        f"Version {report['version']}, commit {report['git']}, Python {report['python']}, {report['cores']} cores. "
-        "f64. Seconds are of one case beside another, so they are upper bounds.",
+        f"Version {report['version']}, Python {report['python']}, {report['cores']} cores, f64. Each case names the "
+        "commit that it was run at. Seconds are of one case beside other work, so they are upper bounds.",
         "",
         *_in_short(results),
     ]

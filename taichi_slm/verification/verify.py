@@ -18,24 +18,27 @@ from taichi_slm.errors import LimitBrokenError
 from taichi_slm.output.atomic import make_folder, write_json
 from taichi_slm.run.run_folder import package_version, read_json, source_hash
 from taichi_slm.verification.case import Case, Outcome, Row
-from taichi_slm.verification.catalogue import GROUPS
+from taichi_slm.verification.catalogue import GROUPS, all_cases
 
 
 def verify(cases: Sequence[Case], out: Path, jobs: int, console: Console) -> None:
     """Run ``cases``, ``jobs`` at a time, into the folder ``out``: verify.json and plots/*.png.
 
+    Cases that stand in an earlier verify.json there and are not run now stay in it; each names its commit.
     Raises LimitBrokenError if a limit is broken or a case did not come to its end.
     """
     make_folder(out)
     cores = os.cpu_count() or 1
     results: list[dict[str, Any]] = []
+    report = out / "verify.json"
+    earlier = read_json(report)["cases"] if report.is_file() else []
     with ThreadPoolExecutor(jobs) as pool, tempfile.TemporaryDirectory() as scratch:
         threads = max(1, cores // jobs)
         running = [pool.submit(_in_its_own_process, case, Path(scratch), threads) for case in cases]
         for future in running:
             results.append(future.result())
             console.print(_line(results[-1]), highlight=False)
-            write_json(out / "verify.json", _report(results))
+            write_json(report, _report(results, earlier))
     plots = out / "plots"
     make_folder(plots)
     from taichi_slm.verification.plots import draw
@@ -44,7 +47,7 @@ def verify(cases: Sequence[Case], out: Path, jobs: int, console: Console) -> Non
         for plot in Outcome.from_json(result).plots:
             draw(plot, plots / f"{plot.name}.png")
     console.print(table(results))
-    console.print(f"{out / 'verify.json'}; plots in {plots}", highlight=False)
+    console.print(f"{report}; plots in {plots}", highlight=False)
     broken = [name for result in results for name in broken_limits(result)]
     if broken:
         raise LimitBrokenError("\n".join([f"{len(broken)} limit(s) broken:", *broken]))
@@ -112,7 +115,8 @@ def _line(result: dict[str, Any]) -> str:
 def _in_its_own_process(case: Case, scratch: Path, threads: int) -> dict[str, Any]:
     """The outcome of ``case`` as JSON: Taichi is started anew, and a crash is its own."""
     target = scratch / f"{case.name}.json"
-    about = {"name": case.name, "title": case.title, "group": case.group, "tier": case.tier}
+    about = {"name": case.name, "title": case.title, "group": case.group, "tier": case.tier,
+             "git": source_hash()}  # fmt: skip
     environment = os.environ | {"TI_CPU_MAX_NUM_THREADS": str(threads)}
     done = subprocess.run(
         [sys.executable, "-m", "taichi_slm.verification", case.name, str(target)],
@@ -129,12 +133,13 @@ def _in_its_own_process(case: Case, scratch: Path, threads: int) -> dict[str, An
     return about | {"failure": "", **read_json(target)}
 
 
-def _report(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _report(results: Sequence[dict[str, Any]], earlier: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    known = {result["name"]: result for result in (*earlier, *results)}
     return {
         "version": package_version(),
         "git": source_hash(),
         "python": platform.python_version(),
         "system": platform.platform(),
         "cores": os.cpu_count(),
-        "cases": list(results),
+        "cases": [known[case.name] for case in all_cases() if case.name in known],
     }

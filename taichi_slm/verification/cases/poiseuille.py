@@ -8,8 +8,8 @@ Measured the speeds of the particles of the middle third against the series at t
          of the series, the worst of five times; from a parabola through the last profile the viscosity that the
          particles feel and the plane where they stand still, counted from the wall's face into the wall
 
-Two things decide, and the printed form misses both. A wall particle is a centre, not a face: if it shows the liquid its
-own speed, zero, the liquid stands still half a spacing inside the wall, and the flow is faster by 4 * 0.55 dx/D. And the
+Two things decide, and the printed form misses both. A wall particle is a centre, not a face: if it shows the liquid
+its own speed, zero, the liquid stands still half a spacing inside the wall, and the flow is faster by 2.2 dx/D. And the
 sum (12) is not isotropic on a lattice at h/dx 1.2: it makes 0.750 of a shear along the lattice, 1.157 of one at 45
 degrees to it, 0.953 in the mean over all directions.
 """
