@@ -119,7 +119,7 @@ class FlowPasses:
                             ti.atomic_add(clamps[WALL_SUCTION], 1)
                     state.pressure[a] = p
                     if ti.static(shows_velocity):
-                        state.wall_velocity[a] = shown(velocity / ti.max(weight, 1e-300), away)
+                        state.wall_velocity[a] = shown(velocity / ti.max(weight, 1e-30), away)
                     if ti.static(uses_shepard):
                         state.shepard[a] = gamma
 
@@ -190,13 +190,13 @@ class FlowPasses:
                         )
                     if ti.static(needs.tension):
                         force += state.surface_force[a]
+                    acceleration = force / state.density[a]
+                    acceleration[d - 1] -= gravity
                     if ti.static(needs.shifting):
                         by = shift(crowding, state.normal[a], shear_rate(gradient), dt)
                         state.shift[a] = by
                         # the pressure stays where it was; its gradient is that of the differences
                         state.density[a] += by.dot(push - 2.0 / moment * p_a * crowding) / sound_speed2
-                    acceleration = force / state.density[a]
-                    acceleration[d - 1] -= gravity
                     if ti.static(needs.printed_leapfrog):
                         state.acceleration_before[a] = state.acceleration[a]
                     state.acceleration[a] = acceleration
