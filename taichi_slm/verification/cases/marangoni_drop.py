@@ -78,7 +78,7 @@ def _compared(x: np.ndarray, u: np.ndarray, pressure: np.ndarray, speed: float) 
 
 
 WHY = {
-    "amplitude": "the issue's limit; the outermost layer has half its neighbours",
+    "amplitude": "the outermost layer has half its neighbours",
     "speed": "the same, of one particle",
     "difference": "the same; a part of it is the shape of the flow in the two outermost layers",
 }

@@ -3,8 +3,9 @@
 Scene    a layer of depth d = 1 that fills a groove of length 6 d to its brim, rho = mu = 1, |sigma_T| G = 0.2,
          T = T0 + G x frozen in space; sigma = 20 keeps the surface flat, no gravity
 Exact    far from the ends u = (sigma_T G d/mu)(3/4 e^2 - e/2), e = y/d; at the surface sigma_T G d/(4 mu) (Levich 1962)
-Measured in the middle third of the layer, after four diffusion times d^2/nu: the difference of the profile, root mean
-         square over the surface speed, and the speed of the outermost layer over the exact one at its height
+Measured in the middle third of the layer, layer by layer, the mean from two to six diffusion times d^2/nu (the layer
+         still sloshes a little): the difference from the exact profile, root mean square over the surface speed, and
+         the speed of the outermost layer over the exact one at its height
 
 The wall below is what the isolated drop does not have: liquid beside a solid, at its no-slip face. (Gravity would
 keep the surface flat, too, but then the pressure that drives the return is a tilt of a hundredth of a spacing per
@@ -19,7 +20,7 @@ from taichi_slm.verification.scenes import FLOW_ONLY, configure, impose, liquid
 
 STRESS, T0, G, LENGTH, SIGMA = 0.2, 2000.0, 100.0, 6.0, 20.0
 TOP = STRESS / 4.0  # speed of the surface
-END = 4.0
+END = 6.0
 
 
 def exact(height: np.ndarray) -> np.ndarray:
@@ -28,7 +29,7 @@ def exact(height: np.ndarray) -> np.ndarray:
 
 
 def profile(resolution: int, **numerics: object) -> tuple[np.ndarray, np.ndarray]:
-    """Heights [m] and velocities [m/s] of the particles in the middle third, over the last tenth of the run."""
+    """Mean heights [m] and velocities [m/s] of the layers of particles in the middle third."""
     dx = 1.0 / resolution
     law = {"line": {"value": SIGMA, "slope": -STRESS / G, "at": T0}}
     config = configure(
@@ -37,7 +38,7 @@ def profile(resolution: int, **numerics: object) -> tuple[np.ndarray, np.ndarray
         bodies=[{"shape": "container", "material": "oil", "corner": [-LENGTH / 2, 0.0], "size": [LENGTH, 1.0]},
                 {"shape": "box", "material": "oil", "corner": [-LENGTH / 2, 0.0], "size": [LENGTH, 1.0]}],
         physics={**FLOW_ONLY, "surface_tension": True, "marangoni": True},
-        numerics={"sound_speed": 80.0, **numerics},
+        numerics={"sound_speed": 40.0, **numerics},
     )  # fmt: skip
     sim = Simulation(config, threads=1)
     moves = ~sim.scene.wall
@@ -46,36 +47,42 @@ def profile(resolution: int, **numerics: object) -> tuple[np.ndarray, np.ndarray
         impose(sim, T0 + G * sim.position[:, 0])
         for _ in range(4):
             sim.step()
-        if sim.time > 0.9 * END:
+        if sim.time > END / 3:
             middle = moves & (np.abs(sim.position[:, 0]) < LENGTH / 6)
             heights.append(sim.position[middle, 1])
             speeds.append(sim.velocity[middle, 0])
-    return np.concatenate(heights), np.concatenate(speeds)
+    y, u = np.concatenate(heights), np.concatenate(speeds)
+    layer = np.minimum(np.floor(y * resolution).astype(int), resolution - 1)
+    count = np.bincount(layer)
+    return np.bincount(layer, y) / count, np.bincount(layer, u) / count
 
 
 def compute(outcome: Outcome) -> None:
     """10, 15 and 20 particles over the depth; the printed body force shown."""
-    curves, differences, resolutions = [], [], (10, 15, 20)
+    curves, resolutions = [], (10, 15, 20)
     for n in resolutions:
         y, u = profile(n)
         difference = float(np.sqrt(np.mean((u - exact(y)) ** 2)) / TOP)
-        top = y > y.max() - 0.75 / n
-        surface = u[top].mean() / exact(y[top]).mean()
-        differences.append(difference)
+        surface = u[-1] / exact(y[-1])
         if n == resolutions[-1]:
             outcome.judge(
-                f"profile, d/dx {n}", difference, error=difference, limit=0.05, why="as the issue asks"
+                f"profile, d/dx {n}",
+                difference,
+                error=difference,
+                limit=0.05,
+                why="what a melt pool's width takes from the force",
             )
             outcome.judge(
-                f"speed of the surface, d/dx {n}", surface, 1.0, limit=0.05, why="as the issue asks"
+                f"speed of the surface, d/dx {n}",
+                surface,
+                1.0,
+                limit=0.05,
+                why="what a melt pool's width takes from the force",
             )
         else:
             outcome.show(f"profile, d/dx {n}", difference)
             outcome.show(f"speed of the surface, d/dx {n}", surface, 1.0)
-        layer = np.floor(y * n).astype(int)
-        means = [(y[layer == k].mean(), u[layer == k].mean() / TOP) for k in np.unique(layer)]
-        curves.append(Curve(f"d/dx {n}", [each[0] for each in means], [each[1] for each in means], "points"))
-    outcome.order("order of the profile", [1.0 / n for n in resolutions], differences, why="shown")
+        curves.append(Curve(f"d/dx {n}", y, u / TOP, "points"))
     y, u = profile(resolutions[-1], tension="body_force", shifting=0.0)
     outcome.show(
         f"profile, d/dx {resolutions[-1]}, body force", float(np.sqrt(np.mean((u - exact(y)) ** 2)) / TOP)
