@@ -213,6 +213,67 @@ def verify(
             write_page(out / "verify.json", page)
 
 
+@app.command()
+def bench(
+    subject: Annotated[
+        list[str] | None, typer.Argument(help="accuracy, speed, skips, scaling; all by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of bench.json, the CSV files and the plots.")] = Path(
+        "bench"
+    ),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small scenes, few rounds: a look, not a result.")
+    ] = False,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
+) -> None:
+    """Measure this program on this machine: time against error, passes beside C++, skips, scaling."""
+    from rich.console import Console
+
+    from taichi_slm.benchmark.bench import bench as measure
+    from taichi_slm.benchmark.bench import chosen
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a table in a file is not folded to 80 columns
+    report = measure(chosen(subject or ()), out, quick, console)
+    if page is not None:
+        from taichi_slm.benchmark.report import write_page
+
+        write_page(report, page)
+
+
+@app.command()
+def study(
+    study: Annotated[Path, typer.Argument(help="The study, a YAML file.")],
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; by default studies/NAME.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Runs at a time; by default one per core.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="CPU threads of a run; by default they share the cores.")
+    ] = None,
+    arch: Annotated[Arch, typer.Option(help="Where kernels run.")] = Arch.cpu,
+    precision: Annotated[Precision, typer.Option(help="Of the particle fields.")] = Precision.f64,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, as tcp://host:8786.")
+    ] = None,
+    only: Annotated[int | None, typer.Option(metavar="N", help="Only run N, counted from 1.")] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Do failed runs again.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Only check the runs and list them.")] = False,
+) -> None:
+    """Do the runs of a study, or those that are missing, and collect them into one table."""
+    from taichi_slm.study.plan import load_plan
+
+    plan = load_plan(study, arch.value, precision.value)
+    for warning in plan.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    if check:
+        for run in plan.runs:
+            print(f"{run.number:5d}  {run.name}")
+        return
+    from taichi_slm.study.conduct import conduct
+
+    conduct(plan, out, jobs, threads, only, retry, scheduler)
+
+
 def main() -> None:
     """Entry point: an error becomes a sentence on stderr and an exit code."""
     try:
@@ -228,3 +289,7 @@ def main() -> None:
         sentence, code = ending(error)
         print(sentence, file=sys.stderr)
         sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -30,12 +30,12 @@ class Place:
     around: Node  # the value that holds it
 
 
-def explain(error: ValidationError, tree: Node) -> list[Problem]:
-    """One problem per error of ``error``, which came from validating ``tree``."""
+def explain(error: ValidationError, tree: Node, root: type[BaseModel] = Config) -> list[Problem]:
+    """One problem per error of ``error``, which came from validating ``tree`` as a ``root``."""
     problems: list[Problem] = []
     mended: set[tuple[str | int, ...]] = set()  # keys that a misspelt one was meant to be
     for item in error.errors(include_url=False):
-        place = locate(tree, item["loc"])
+        place = locate(tree, item["loc"], root)
         problem = _problem(item, place)
         problems.append(problem)
         if item["type"] == "extra_forbidden" and problem.meant:
@@ -43,9 +43,9 @@ def explain(error: ValidationError, tree: Node) -> list[Problem]:
     return [p for p in problems if not (p.path in mended and p.sentence.startswith("this key is required"))]
 
 
-def locate(tree: Node, loc: Iterable[str | int]) -> Place:
+def locate(tree: Node, loc: Iterable[str | int], root: type[BaseModel] = Config) -> Place:
     """Follow pydantic's ``loc``, which names branches of unions too, through the tree and the schema."""
-    kind: Any = Config
+    kind: Any = root
     around: Any = None
     node, exists = tree, True
     holder = tree
@@ -149,7 +149,7 @@ def _problem(item: Any, place: Place) -> Problem:
 def _unknown_key(place: Place) -> Problem:
     key = str(place.path[-1])
     given = place.around.value if isinstance(place.around.value, dict) else {}
-    keys = [*(place.model.model_fields if place.model else ()), *(FILE_KEYS if len(place.path) == 1 else ())]
+    keys = [*(place.model.model_fields if place.model else ()), *(FILE_KEYS if place.model is Config else ())]
     if key == "<<":
         return Problem(place.node.where, place.path, "merge keys are not read; write 'extends: other.yaml'")
     meant = closest(key, [each for each in keys if each not in given]) or closest(key, keys)

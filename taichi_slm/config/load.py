@@ -57,21 +57,22 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> LoadedConfig
         for override in overrides:
             tree = _set(tree, override, problems)
     except SyntaxProblemError as error:
-        raise _refused([*problems, error.problem]) from None
+        raise refused([*problems, error.problem]) from None
     try:
         config = Config.model_validate(tree.plain())
     except ValidationError as error:
-        raise _refused([*problems, *explain(error, tree)]) from None
+        raise refused([*problems, *explain(error, tree)]) from None
     if problems:
-        raise _refused(problems)
+        raise refused(problems)
     config = _without_dependents(config)
     errors, warnings = check(config, tree)
     if errors:
-        raise _refused(errors)
+        raise refused(errors)
     return LoadedConfig(config, text, config.model_dump(mode="json"), Path(path), tuple(map(str, warnings)))
 
 
-def _refused(problems: list[Problem]) -> ConfigError:
+def refused(problems: list[Problem]) -> ConfigError:
+    """The error whose text has one line per problem, in reading order."""
     lines = list(dict.fromkeys(str(problem) for problem in sorted(problems, key=_reading_order)))
     if len(lines) > MOST_LINES:
         lines[MOST_LINES:] = [f"... and {len(lines) - MOST_LINES:,} more errors"]
@@ -109,7 +110,7 @@ def _read(path: Path, problems: list[Problem]) -> tuple[str, Node]:
     file: Path | None = path
     named = str(path)  # who asks for the file
     while file is not None:
-        data = _bytes(file, named, is_base=bool(layers))
+        data = file_bytes(file, named, is_base=bool(layers))
         real = Path(os.path.realpath(file))
         if real in chain:
             circle = " -> ".join(each.name for each in [*chain, real])
@@ -139,7 +140,8 @@ def _read(path: Path, problems: list[Problem]) -> tuple[str, Node]:
     return first, tree
 
 
-def _bytes(file: Path, named: str, is_base: bool) -> bytes:
+def file_bytes(file: Path, named: str, is_base: bool = False) -> bytes:
+    """The content of ``file``, whose name stands at ``named`` (file:line); ``is_base``: below `extends` there."""
     shown = f"'{printable(str(file), 200)}'"
     path: tuple[str, ...] = ("extends",) if is_base else ()
     try:
