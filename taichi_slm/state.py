@@ -92,9 +92,8 @@ class State:
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force")  # [N] from walls on a mobile particle; momentum
         if needs.wall_velocity:
-            self.wall_velocity = vector(
-                "wall_velocity"
-            )  # [m/s] that a still particle shows to viscosity; wall pressure
+            # [m/s] that a still particle shows to viscosity; walls
+            self.wall_velocity = vector("wall_velocity")
         if needs.printed_leapfrog:
             self.acceleration_before = vector("acceleration_before")  # [m/s^2]; kick
         if needs.surface:
@@ -113,7 +112,7 @@ class State:
             self.background = scalar("background")  # its smooth extension inwards [Pa]; move
             self.background_mean = scalar("background_mean")  # of the neighbours' [Pa]; continuity
         if needs.shifting:
-            self.shift = vector("shift")  # [m/s]; momentum
+            self.shift = vector("shift")  # [m] of this step; momentum
 
     def load(self, **arrays: np.ndarray) -> None:
         """Copy numpy arrays of shape [n] or [n, d] into the fields of those names."""

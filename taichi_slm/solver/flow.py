@@ -1,10 +1,10 @@
 """The flow passes: one loop over neighbours each, which calls one function per term.
 
-advance     half drift, density, equation of state
-walls       pressure of the still particles beside the liquid
-momentum    pressure, viscosity, gravity, surface forces -> acceleration
-kick        velocity, half drift
-continuity  velocity divergence, diffusion, packing -> density rate
+advance     half drift, density, equation of state, capillary background
+walls       pressure, and velocity, that the still particles beside the liquid show to it
+momentum    pressure, viscosity, gravity, surface forces -> acceleration; shift (momentum.py)
+kick        velocity, half drift, shift
+continuity  velocity divergence, diffusion, packing -> density rate; mean background
 """
 
 from typing import Any
@@ -12,11 +12,11 @@ from typing import Any
 from taichi_slm.backend import ti
 from taichi_slm.physics import continuity as continuity_terms
 from taichi_slm.physics.equation_of_state import pressure_of
-from taichi_slm.physics.pressure import pair_pressure, wall_pressure
-from taichi_slm.physics.shifting import displacement, shear_rate_of
-from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight, wall_velocity
+from taichi_slm.physics.pressure import wall_pressure
+from taichi_slm.physics.viscosity import wall_velocity
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import PACKING_BRACKETS, WALL_SUCTION, Ledger
+from taichi_slm.solver.momentum import compile_momentum
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import MOBILE, State
 
@@ -32,7 +32,7 @@ class FlowPasses:
         self._rows = rows
         self._advance = self._compile_advance(state, rows, disc)
         self._walls = self._compile_walls(state, rows, disc, ledger)
-        self._momentum = self._compile_momentum(state, rows, disc)
+        self._momentum = compile_momentum(state, rows, disc)
         self._kick = self._compile_kick(state, rows, disc, ledger)
         self._continuity = self._compile_continuity(state, rows, disc, ledger)
 
@@ -41,11 +41,11 @@ class FlowPasses:
         self._advance(self._rows.mobile, drift, density)
 
     def walls(self) -> None:
-        """Extrapolate the liquid's pressure to the still particles beside it."""
+        """Extrapolate the liquid's pressure and velocity to the still particles beside it."""
         self._walls(self._rows.flow)
 
     def momentum(self, dt: float) -> None:
-        """Write accelerations; ``dt`` [s] is the time over which viscous heat is collected."""
+        """Write accelerations and shifts; ``dt`` [s]: over which viscous heat is collected, and shear is shifted for."""
         self._momentum(self._rows.mobile, dt)
 
     def kick(self, dt: float, dt_before: float, drift: float) -> None:
@@ -125,87 +125,6 @@ class FlowPasses:
 
         return walls
 
-    def _compile_momentum(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        d, numerics, needs = disc.dimension, disc.numerics, state.needs
-        _, F = disc.flow_kernel.functions()
-        pressure = pair_pressure(numerics.pressure_form)
-        viscosity = pair_viscosity(
-            viscous_weight(disc.flow_kernel, numerics.viscosity_form, numerics.viscosity_correction, disc.dx)
-        )
-        gamma_form = numerics.pressure_form == "gamma"
-        gravity, serial = disc.gravity, disc.serial
-        moment = disc.gradient_moment
-        shift, shear_rate = displacement(disc.shifting, disc.h), shear_rate_of(d)
-        sound_speed2 = numerics.sound_speed**2
-
-        @ti.kernel
-        def momentum(mobile: ti.i32, dt: disc.real):
-            ti.loop_config(serialize=serial)
-            for k in range(mobile):
-                a = rows.rows[k]
-                if state.mobility[a] == MOBILE:
-                    x = state.position[a]
-                    u = state.velocity[a]
-                    p_a = state.pressure[a]
-                    mu_a = state.viscosity[a]
-                    gamma_a = x[0] * 0.0 + 1.0
-                    if ti.static(gamma_form):
-                        gamma_a = state.shepard[a]
-                    force = u * 0.0
-                    from_walls = u * 0.0
-                    crowding = u * 0.0  # Sum V grad W: zero where the particles are in order
-                    push = u * 0.0
-                    gradient = u.outer_product(u) * 0.0  # of the velocity
-                    dissipated = u[0] * 0.0
-                    for j in range(rows.near_count[a]):
-                        b = rows.near[a, j]
-                        r = x - state.position[b]
-                        r2 = r.norm_sqr()
-                        slope = state.volume[b] * F(r2)
-                        gamma_b = x[0] * 0.0 + 1.0
-                        if ti.static(gamma_form):
-                            gamma_b = state.shepard[b]
-                        u_dot_r = (u - state.velocity[b]).dot(r)
-                        sheared = u_dot_r
-                        moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
-                        if ti.static(needs.wall_velocity):
-                            if state.mobility[b] != MOBILE:
-                                sheared = (u - state.wall_velocity[b]).dot(r)
-                        stress = viscosity(mu_a, state.viscosity[b], sheared, r2)
-                        p = pressure(p_a, state.pressure[b], gamma_a, gamma_b) / moment
-                        term = slope * (stress - p) * r
-                        force += term
-                        if ti.static(needs.shifting):
-                            push += slope * p * r
-                        if ti.static(needs.balanced or needs.shifting):
-                            crowding += slope * r
-                        if ti.static(needs.shifting):
-                            gradient -= moves * slope * (u - state.velocity[b]).outer_product(r)
-                        from_walls += (1.0 - moves) * term
-                        if ti.static(needs.viscous_heating):
-                            dissipated -= (1.0 - 0.5 * moves) * slope * stress * u_dot_r
-                    if ti.static(needs.balanced):
-                        state.surface_force[a] = (
-                            state.tangential_force[a] + 2.0 / moment * state.background[a] * crowding
-                        )
-                    if ti.static(needs.tension):
-                        force += state.surface_force[a]
-                    acceleration = force / state.density[a]
-                    acceleration[d - 1] -= gravity
-                    if ti.static(needs.shifting):
-                        by = shift(crowding, state.normal[a], shear_rate(gradient), dt)
-                        state.shift[a] = by
-                        # the pressure stays where it was; its gradient is that of the differences
-                        state.density[a] += by.dot(push - 2.0 / moment * p_a * crowding) / sound_speed2
-                    if ti.static(needs.printed_leapfrog):
-                        state.acceleration_before[a] = state.acceleration[a]
-                    state.acceleration[a] = acceleration
-                    state.wall_force[a] = from_walls * state.volume[a]
-                    if ti.static(needs.viscous_heating):
-                        state.viscous_work[a] += dt * dissipated * state.volume[a]
-
-        return momentum
-
     def _compile_kick(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
         d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.ordered
         moved, fastest, tension, gravity = self.moved, self.fastest, state.needs.tension, disc.gravity
@@ -264,18 +183,11 @@ class FlowPasses:
             numerics.delta, disc.h, numerics.sound_speed, numerics.delta_form == "printed"
         )
         packed = state.needs.surface and numerics.packing_correction > 0
-        restoring = (
-            continuity_terms.packing(
-                numerics.packing_correction,
-                disc.h,
-                numerics.sound_speed,
-                disc.h_surface,
-                disc.flat,
-                disc.real,
+        restoring = None
+        if packed:
+            restoring = continuity_terms.packing(
+                numerics.packing_correction, disc.h, numerics.sound_speed, disc.h_surface, disc.flat, disc.real
             )
-            if packed
-            else None
-        )
         at_zero = float(disc.flow_kernel.value(0.0))
         serial, clamps = disc.serial, ledger.clamps
         moment, balanced = disc.gradient_moment, state.needs.balanced

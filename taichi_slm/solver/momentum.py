@@ -1,0 +1,126 @@
+"""The momentum pass: pressure, viscosity, gravity, surface forces -> acceleration; and the particle shifting.
+
+One loop over neighbours. What it sums for a particle a besides the force:
+
+crowding   Sum V grad W: zero where the particles are in order
+push       -Sum V p grad W: what the pressure of the pairs does
+gradient   of the velocity, from the mobile neighbours
+"""
+
+from typing import Any
+
+from taichi_slm.backend import ti
+from taichi_slm.physics.pressure import pair_pressure
+from taichi_slm.physics.shifting import displacement, shear_rate_of
+from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight
+from taichi_slm.solver.discretisation import Discretisation
+from taichi_slm.sph.neighbours import Neighbours
+from taichi_slm.state import MOBILE, State
+
+
+def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> Any:
+    """The kernel (mobile rows, dt [s]); ``dt`` is the time over which viscous heat is collected."""
+    needs, gravity, up, serial = state.needs, disc.gravity, disc.dimension - 1, disc.serial
+    moment = disc.gradient_moment
+    _, F = disc.flow_kernel.functions()
+    shepard, pressure = _pressure_between(state, disc)
+    viscous = _viscosity_between(state, disc)
+    put_in_order = _shifter(state, disc) if needs.shifting else None
+
+    @ti.kernel
+    def momentum(mobile: ti.i32, dt: disc.real):
+        ti.loop_config(serialize=serial)
+        for k in range(mobile):
+            a = rows.rows[k]
+            if state.mobility[a] == MOBILE:
+                x, u = state.position[a], state.velocity[a]
+                p_a, mu_a, gamma_a = state.pressure[a], state.viscosity[a], shepard(a)
+                force, from_walls, crowding, push = u * 0.0, u * 0.0, u * 0.0, u * 0.0
+                gradient = u.outer_product(u) * 0.0
+                dissipated = u[0] * 0.0
+                for j in range(rows.near_count[a]):
+                    b = rows.near[a, j]
+                    r, u_ab = x - state.position[b], u - state.velocity[b]
+                    r2 = r.norm_sqr()
+                    slope = state.volume[b] * F(r2)
+                    moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
+                    stress = viscous(u, b, mu_a, r, r2)
+                    p = pressure(b, p_a, gamma_a) / moment
+                    term = slope * (stress - p) * r
+                    force += term
+                    from_walls += (1.0 - moves) * term
+                    if ti.static(needs.balanced or needs.shifting):
+                        crowding += slope * r
+                    if ti.static(needs.shifting):
+                        push += slope * p * r
+                        gradient -= moves * slope * u_ab.outer_product(r)
+                    if ti.static(needs.viscous_heating):
+                        dissipated -= (1.0 - 0.5 * moves) * slope * stress * u_ab.dot(r)
+                if ti.static(needs.balanced):  # the pressure gradient works on p_a + p_b - 2 background_a
+                    background = 2.0 / moment * state.background[a] * crowding
+                    state.surface_force[a] = state.tangential_force[a] + background
+                if ti.static(needs.tension):
+                    force += state.surface_force[a]
+                acceleration = force / state.density[a]
+                acceleration[up] -= gravity
+                if ti.static(needs.printed_leapfrog):
+                    state.acceleration_before[a] = state.acceleration[a]
+                state.acceleration[a] = acceleration
+                state.wall_force[a] = from_walls * state.volume[a]
+                if ti.static(needs.viscous_heating):
+                    state.viscous_work[a] += dt * dissipated * state.volume[a]
+                if ti.static(needs.shifting):
+                    put_in_order(a, p_a, crowding, push, gradient, dt)
+
+    return momentum
+
+
+def _pressure_between(state: State, disc: Discretisation) -> tuple[Any, Any]:
+    """The Taichi functions a -> Gamma_a (1 where the form has none) and (b, p_a, Gamma_a) -> pressure of the pair."""
+    of_pair = pair_pressure(disc.numerics.pressure_form)
+    gamma_form = disc.numerics.pressure_form == "gamma"
+
+    @ti.func
+    def shepard(a):
+        result = state.pressure[a] * 0.0 + 1.0
+        if ti.static(gamma_form):
+            result = state.shepard[a]
+        return result
+
+    @ti.func
+    def pressure(b, p_a, gamma_a):
+        return of_pair(p_a, state.pressure[b], gamma_a, shepard(b))
+
+    return shepard, pressure
+
+
+def _viscosity_between(state: State, disc: Discretisation) -> Any:
+    """The Taichi function (u_a, b, mu_a, r_ab, r^2) -> viscous stress of the pair [Pa]; walls show their own velocity."""
+    form, corrected = disc.numerics.viscosity_form, disc.numerics.viscosity_correction
+    of_pair = pair_viscosity(viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
+    walls_show = state.needs.wall_velocity
+
+    @ti.func
+    def stress(u, b, mu_a, r, r2):
+        shown = state.velocity[b]
+        if ti.static(walls_show):
+            if state.mobility[b] != MOBILE:
+                shown = state.wall_velocity[b]
+        return of_pair(mu_a, state.viscosity[b], (u - shown).dot(r), r2)
+
+    return stress
+
+
+def _shifter(state: State, disc: Discretisation) -> Any:
+    """The Taichi function that writes the shift of a, and lets its density follow so that its pressure field stays."""
+    shift, shear_rate = displacement(disc.shifting, disc.h), shear_rate_of(disc.dimension)
+    moment, sound_speed2 = disc.gradient_moment, disc.numerics.sound_speed**2
+
+    @ti.func
+    def put_in_order(a, p_a, crowding, push, gradient, dt):
+        by = shift(crowding, state.normal[a], shear_rate(gradient), dt)
+        state.shift[a] = by
+        # the pressure stays where it was; its gradient is that of the differences
+        state.density[a] += by.dot(push - 2.0 / moment * p_a * crowding) / sound_speed2
+
+    return put_in_order
