@@ -54,7 +54,7 @@ def _section(result: dict[str, Any], images: Path) -> list[str]:
     lines = [
         f"### {result['title']}",
         "",
-        f"`taichi-slm verify {result['name']}`, {result['seconds']:.0f} s",
+        f"`taichi-slm verify {result['name']}`, {result['seconds']:.0f} s, commit {result['git'][:12]}",
         "",
     ]
     lines += [*_docstring(result["name"]), ""]
