@@ -21,6 +21,7 @@ from taichi_slm.run.run_folder import RunFolder, read_json
 from taichi_slm.study.folder import StudyFolder
 
 LOOK_SECONDS = 0.2  # between two looks at a process
+PROGRAM = (sys.executable, "-m", "taichi_slm.cli")
 STOPPED = (StoppedError.exit_code, InterruptedRunError.exit_code)
 
 
@@ -93,14 +94,13 @@ def perform(job: Job, stop: "Stop | StopFile | None" = None) -> End:
 
 
 def _command(job: Job, study: StudyFolder, resume: bool) -> list[str]:
-    program = [sys.executable, "-m", "taichi_slm.cli"]
     threads = ["--threads", str(job.threads)]
     folder = str(study.run(job.name).path)
     if resume:
-        return [*program, "resume", folder, *threads]
+        return [*PROGRAM, "resume", folder, *threads]
     scene = str(study.scene(job.name))
     machine = ["--arch", job.arch, "--precision", job.precision]
-    return [*program, "run", scene, "--out", folder, *machine, *threads]
+    return [*PROGRAM, "run", scene, "--out", folder, *machine, *threads]
 
 
 @contextlib.contextmanager

@@ -131,17 +131,19 @@ def _points(study: Study, tree: Node, path: Path) -> list[list[Change]]:
         sentence = f"these axes ask for {count:,} runs; a study has {MOST_RUNS:,} at most"
         raise SyntaxProblemError(_problem(tree, ("axes",), sentence))
     points = [list(itertools.chain(*parts)) for parts in itertools.product(*axes)]
-    taken: dict[str, str] = {}
-    for axis in axes:
-        own = {change.key: change.where for point in axis for change in point}
-        for key, where in own.items():
-            for other, there in taken.items():
-                if f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}."):
-                    raise SyntaxProblemError(
-                        Problem(where, (key,), f"this key is changed at {there} already, as {other}")
-                    )
-        taken |= own
+    for point in points:
+        _no_key_twice(point)
     return points
+
+
+def _no_key_twice(point: Sequence[Change]) -> None:
+    """Of two changes to one key, or to a key and one below it, the second would undo the first."""
+    for i, change in enumerate(point):
+        for other in point[:i]:
+            a, b = f"{change.key}.", f"{other.key}."
+            if a.startswith(b) or b.startswith(a):
+                sentence = f"this key is changed at {other.where} already, as {printable(other.key)}"
+                raise SyntaxProblemError(Problem(change.where, (change.key,), sentence))
 
 
 def _axis(axis: Axis, node: Node, path: Path) -> Iterator[list[Change]]:
