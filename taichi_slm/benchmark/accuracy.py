@@ -1,0 +1,205 @@
+"""What an error costs.
+
+Scenes with an exact or a measured answer (those of `taichi-slm verify`), each run in a process of its own on one
+thread: at several spacings in f64 and f32, and at several time steps (all limits times one factor) at one spacing.
+"Paper's steps" is the same scene and spacing stepped as the paper does: 0.05 h/c0, nothing skipped, heat in every
+step by its Algorithm 1 with an apparent heat capacity. "Paper's forms" has every printed form as well
+(configs/paper.yaml); most end early. Time is that of the steps, without the compiling, the median of the turns.
+"Dominated by" is, of a run with default settings in f64, the largest factor by which another run of the same case
+is both faster and nearer to the answer; 1 or less: it is on the front.
+"""
+
+import importlib
+import statistics
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.benchmark.measure import Yardstick, processes_in_turn
+from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
+from taichi_slm.benchmark.report import Findings
+from taichi_slm.config.schema import Config
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.verification.case import Curve
+
+STEP_FACTORS = (0.25, 0.5, 1.5)
+_LIMITS = ("courant", "viscous_factor", "capillary_factor", "heat_factor", "temperature_step")
+UM = 1e-6
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A scene with an answer: its error at a level of resolution, which is larger where it is finer."""
+
+    title: str
+    module: str  # of verification.cases
+    levels: tuple[Any, ...]  # spacings or spacings per something; the quick ones are the first two
+    middle: Any  # where time steps are varied
+    error: Callable[[Any, Any], float]  # (module, level) -> relative error
+
+
+def _swing(module: Any, resolution: int) -> float:
+    found = module.swing(2, resolution, "lattice")
+    return float(np.sqrt(np.mean((found["moment"] - found["exact"]) ** 2)) / np.abs(found["exact"]).max())
+
+
+def _jump(module: Any, resolution: int) -> float:
+    found = module.history(2, resolution, "lattice", periods=1.0)
+    return abs(float(found["pressure"][found["time"] > 0.5].mean()) - 1.0)
+
+
+def _front(module: Any, travelled: int) -> float:
+    return abs(float(module.front(20.9, travelled)[0]) / module.exact_lambda(20.9) - 1.0)
+
+
+def _source(module: Any, dx: float) -> float:
+    depth, end = 20 * UM, 50e-6
+    sim = module.heated(dx, depth, end, 0.0, (230 * UM, 230 * UM, 160 * UM))
+    exact = module.rise(module.from_beam(sim), end, depth)
+    return float(np.abs(sim.temperature - module.START - exact).max() / exact.max())
+
+
+def _cycle(module: Any, resolution: int) -> float:
+    config = module.scene(2).model_copy(update={"spacing": 1.0 / resolution})
+    found = module.errors(config)
+    return float(module.worst(found.inside, found.time, 1, 2))
+
+
+def _weld(module: Any, spacing: float) -> float:
+    pool, (radius, depth) = module.weld(module.scene(spacing)), module._measured()
+    return float(np.hypot(pool.radius / radius - 1.0, pool.depth / depth - 1.0))
+
+
+CASES = {
+    "oscillating_drop": Answered("Oscillating drop: second moment, rms over the amplitude", "oscillating_drop",
+                                 (8, 14, 20, 28, 40), 14, _swing),
+    "static_drop": Answered("Static drop: Laplace jump", "static_drop", (8, 14, 20, 40), 14, _jump),
+    "neumann": Answered("Neumann melting: rate of the front", "neumann", (8, 16, 24, 40), 16, _front),
+    "gaussian_source": Answered("Gaussian source: largest deviation over the largest rise", "gaussian_source",
+                                (28 * UM, 20 * UM, 14 * UM, 10 * UM), 20 * UM, _source),
+    "thermal_cycle": Answered("Test 1: volume of the inside, two cycles", "thermal_cycle", (12, 20, 32), 20, _cycle),
+    "spot_weld": Answered("Spot weld: radius and depth against the measured ones", "spot_weld",
+                          (60 * UM, 50 * UM, 40 * UM), 50 * UM, _weld),
+}  # fmt: skip
+SLOW = ("spot_weld",)  # not looked at in a quick run
+
+
+def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
+    """A table and a plot for every case."""
+    for name, case in CASES.items():
+        if quick and name in SLOW:
+            continue
+        rounds = 1 if quick or name == "spot_weld" else 3
+        found = processes_in_turn(jobs(name, quick), "accuracy:point", rounds, yardstick)
+        rows = [_row(label, runs) for label, runs in found.items()]
+        add_front(rows)
+        findings.table(f"accuracy_{name}", case.title, rows)
+        _plot(findings, name, case.title, rows)
+
+
+def jobs(name: str, quick: bool) -> dict[str, dict[str, Any]]:
+    """The runs of a case by their names; the arguments of :func:`point`."""
+    case = CASES[name]
+    levels = case.levels[:2] if quick else case.levels
+    plan = {f"f64, {_level(level)}": {"level": level} for level in levels}
+    plan |= {f"f32, {_level(level)}": {"level": level, "precision": "f32"} for level in levels}
+    for factor in STEP_FACTORS[1:] if quick else STEP_FACTORS:
+        plan[f"step x {factor:g}, {_level(case.middle)}"] = {"level": case.middle, "step": factor}
+    plan[f"paper's steps, {_level(case.middle)}"] = {"level": case.middle, "forms": "steps"}
+    plan[f"paper's forms, {_level(case.middle)}"] = {"level": case.middle, "forms": "printed"}
+    return {label: {"case": name, **arguments} for label, arguments in plan.items()}
+
+
+def point(
+    case: str, level: Any, precision: str = "f64", step: float = 1.0, forms: str = ""
+) -> dict[str, Any]:
+    """Run a case once: its error, the seconds of its steps, steps and particles."""
+    chosen = CASES[case]
+    module = importlib.import_module(f"taichi_slm.verification.cases.{chosen.module}")
+    made: list[Simulation] = []
+
+    def simulate(config: Config, **arguments: Any) -> Simulation:
+        made.append(
+            Simulation(changed(config, step, forms), **{**arguments, "threads": 1, "precision": precision})
+        )
+        return made[-1]
+
+    with _simulations_by(simulate, module):
+        error = chosen.error(module, level)
+    sim = made[-1]
+    return {"error": error, "seconds": sim.solver_time_s, "steps": sim.steps, "particles": sim.scene.count,
+            "ended": sim.time / sim.config.time.end}  # fmt: skip
+
+
+def changed(config: Config, step: float, forms: str) -> Config:
+    """The config of a case with its step limits times ``step``, or stepped as the paper does, or with its forms."""
+    numerics = config.numerics.model_dump()
+    performance = config.performance.model_dump()
+    if forms:
+        numerics |= PAPER_STEPS if forms == "steps" else PAPER_FORMS
+        performance |= NO_SKIPS
+    else:
+        numerics |= {name: step * numerics[name] for name in _LIMITS}
+    parts = {
+        "numerics": type(config.numerics)(**numerics),
+        "performance": type(config.performance)(**performance),
+    }
+    return config.model_copy(update=parts)
+
+
+@contextmanager
+def _simulations_by(build: Callable[..., Simulation], module: Any) -> Iterator[None]:
+    """The functions of a case build their simulations themselves; in here, by ``build``."""
+    pools: Any = importlib.import_module("taichi_slm.verification.pools")
+    places = [each for each in (module, pools) if hasattr(each, "Simulation")]
+    for each in places:
+        each.Simulation = build
+    try:
+        yield
+    finally:
+        for each in places:
+            each.Simulation = Simulation
+
+
+def _level(level: Any) -> str:
+    return f"{level / UM:g} um" if isinstance(level, float) else str(level)
+
+
+def _row(label: str, runs: list[dict[str, Any]]) -> dict[str, Any]:
+    settings, level = label.rsplit(", ", 1)
+    row: dict[str, Any] = {"settings": settings, "resolution": level}
+    first = runs[0]
+    if "failure" in first:
+        return row | {"failure": first["failure"]}
+    if first["error"] is None or not np.isfinite(first["error"]):
+        return row | {"failure": f"ended after {first['ended']:.2f} of the time"}
+    return row | {"particles": first["particles"], "flow steps": first["steps"],
+                  "seconds": statistics.median(run["seconds"] for run in runs), "error": first["error"]}  # fmt: skip
+
+
+def add_front(rows: list[dict[str, Any]]) -> None:
+    """Say of every run with default settings in f64 by how much another one dominates it; same machine, same turns."""
+    measured = [row for row in rows if "error" in row]
+    for row in measured:
+        if row["settings"] == "f64":
+            better = [min(row["seconds"] / other["seconds"], row["error"] / max(other["error"], 1e-300))
+                      for other in measured if other is not row]  # fmt: skip
+            row["dominated by"] = max(better, default=0.0)
+
+
+def _plot(findings: Findings, name: str, title: str, rows: list[dict[str, Any]]) -> None:
+    measured = [row for row in rows if "error" in row]
+
+    def curve(settings: str, style: Any) -> Curve:
+        own = sorted(
+            (row for row in measured if row["settings"].startswith(settings)), key=lambda row: row["seconds"]
+        )
+        return Curve(settings, [row["seconds"] for row in own], [row["error"] for row in own], style)
+
+    findings.plot(f"accuracy_{name}", title, "seconds", "error", [
+        curve("f64", "line"), curve("f32", "dashed"), curve("step", "points"), curve("paper's steps", "points"),
+        curve("paper's forms", "points"),
+    ])  # fmt: skip

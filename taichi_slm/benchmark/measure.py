@@ -1,0 +1,124 @@
+"""How time is measured: after a warm-up, things to be compared in turn, medians of ratios within one turn.
+
+Machines are shared and drift; a ratio of two numbers of one turn does not. Beside every subject stands a yardstick, the
+same work timed again and again while the subject was measured: how far it scattered is how quiet the machine was.
+"""
+
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.run.run_folder import package_version, read_json, source_hash
+
+ENDS_WITHIN = 3600.0  # [s] of a process, or it is stopped and its failure is reported
+
+
+def in_turn(
+    actions: Mapping[str, Callable[[], Any]], rounds: int, repeats: int = 1
+) -> dict[str, list[float]]:
+    """Seconds of one call of each action, shape [rounds] each: one after the other, ``rounds`` times, after a warm-up.
+
+    Each is called ``repeats`` times in a row, and the mean of those is one number.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in actions}
+    for turn in range(-1, rounds):
+        for name, action in actions.items():
+            began = time.perf_counter()
+            for _ in range(repeats):
+                action()
+            if turn >= 0:
+                seconds[name].append((time.perf_counter() - began) / repeats)
+    return seconds
+
+
+def ratio(of: Sequence[float], to: Sequence[float]) -> float:
+    """Median of the ratios within each turn."""
+    return statistics.median(a / b for a, b in zip(of, to, strict=True))
+
+
+def scatter(values: Sequence[float]) -> float:
+    """Largest over smallest."""
+    return max(values) / min(values)
+
+
+class Yardstick:
+    """A fixed piece of work of this process, some milliseconds of one core."""
+
+    def __init__(self) -> None:
+        self._numbers = np.random.default_rng(0).random(200_000)
+        self.seconds: list[float] = []
+
+    def measure(self) -> None:
+        """Do it once more."""
+        began = time.perf_counter()
+        for _ in range(4):
+            np.sort(self._numbers)
+        self.seconds.append(time.perf_counter() - began)
+
+
+def machine() -> dict[str, Any]:
+    """Where and with what the numbers were measured."""
+    from importlib.metadata import version
+
+    return {
+        "version": package_version(), "git": source_hash(), "python": platform.python_version(),
+        "taichi": version("taichi"), "numpy": np.__version__, "system": platform.platform(),
+        "processor": _processor(), "cores": os.cpu_count(),
+    }  # fmt: skip
+
+
+def in_its_own_process(
+    function: str, environment: Mapping[str, str] | None = None, **arguments: Any
+) -> dict[str, Any]:
+    """What ``function`` ("module:name" of this package) returns, called with ``arguments`` in a new process.
+
+    Taichi is started anew, and a crash is its own: then the result is {"failure": a sentence}.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        target = Path(scratch) / "result.json"
+        command = [sys.executable, "-m", "taichi_slm.benchmark", function, json.dumps(arguments), str(target)]
+        try:
+            done = subprocess.run(
+                command, env=os.environ | dict(environment or {}), capture_output=True, text=True, check=False,
+                timeout=ENDS_WITHIN,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return {"failure": f"stopped after {ENDS_WITHIN:.0f} s"}
+        if done.returncode or not target.is_file():
+            said = (done.stderr.strip() or done.stdout.strip() or "it said nothing").splitlines()[-1]
+            return {"failure": f"ended with {done.returncode}: {said}"}
+        return read_json(target)
+
+
+def processes_in_turn(
+    jobs: Mapping[str, dict[str, Any]], function: str, rounds: int, yardstick: Yardstick
+) -> dict[str, list[dict[str, Any]]]:
+    """The results of ``function`` for every set of arguments in ``jobs``, one after the other, ``rounds`` times."""
+    results: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, arguments in jobs.items():
+            if results[name] and "failure" in results[name][0]:
+                continue  # it would fail again
+            results[name].append(in_its_own_process(function, **arguments))
+            yardstick.measure()
+    return results
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass  # not Linux
+    return platform.processor()

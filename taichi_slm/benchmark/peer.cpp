@@ -1,0 +1,183 @@
+// Passes of a 2-D step as plain loops over the same lists: what careful scalar C++ costs, without any trick.
+// REAL is float or double. Compiled at run time by peer.py, which fills `Scene` with the simulation's own arrays.
+
+#include <algorithm>
+#include <cmath>
+
+using real = REAL;
+using std::max;
+using std::min;
+using std::sqrt;
+
+struct Scene {  // the order is that of peer.py
+    // constants
+    real h, alpha;                    // smoothing length [m] and kernel constant of flow and heat [1/m^2]
+    real h_surface, alpha_surface;    // of the surface terms
+    real moment;                      // lattice moment of the gradient [-]
+    real softening, viscous_scale;    // of the viscous weight [m^2], [-]
+    real gravity, sound_speed;        // [m/s^2], [m/s]
+    real delta, packing;              // strengths of diffusion [m^2/s] and packing correction [1/s]
+    real shifting, dt;                // [-], [s]
+    real normal_cut;                  // [1/m]
+    real table_scale;                 // |grad c| [1/m] -> place in the table of a flat surface
+    // sizes
+    int mobile, total, near_surface_count, near_capacity, far_capacity, intervals;
+    // lists
+    const int *rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
+    // fields, SI; vectors are x, y, x, y ...
+    const real *position, *velocity, *density, *reference_density, *volume, *pressure, *viscosity;
+    const real *background, *tangential_force, *normal, *colour_strength, *kirchhoff, *conduction_factor;
+    const real *flat_shepard;
+    // results
+    real *acceleration, *surface_force, *shift, *density_after;
+    real *density_rate, *shepard, *background_mean;
+    real *colour_gradient, *colour_strength_found, *normal_found;
+    double *heating;
+};
+
+static inline real W(real r2, real alpha, real inverse_h) {
+    real q = sqrt(r2) * inverse_h;
+    real t = max(real(0), real(1) - real(0.5) * q);
+    return alpha * t * t * t * t * (real(2) * q + real(1));
+}
+
+static inline real F(real r2, real slope, real inverse_h) {
+    real t = max(real(0), real(1) - real(0.5) * inverse_h * sqrt(r2));
+    return slope * t * t * t;
+}
+
+extern "C" void momentum(const Scene *scene) {
+    const Scene &s = *scene;
+    const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h), inverse_moment = 1 / s.moment;
+    for (int k = 0; k < s.mobile; k++) {
+        const int a = s.rows[k];
+        const real x = s.position[2 * a], y = s.position[2 * a + 1];
+        const real u = s.velocity[2 * a], v = s.velocity[2 * a + 1];
+        const real p_a = s.pressure[a], mu_a = s.viscosity[a];
+        real fx = 0, fy = 0, cx = 0, cy = 0, px = 0, py = 0, gxx = 0, gxy = 0, gyx = 0, gyy = 0;
+        const int *list = s.near + (long)a * s.near_capacity;
+        for (int j = 0; j < s.near_count[a]; j++) {
+            const int b = list[j];
+            const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+            const real ux = u - s.velocity[2 * b], uy = v - s.velocity[2 * b + 1];
+            const real r2 = rx * rx + ry * ry;
+            const real slope = s.volume[b] * F(r2, slope_factor, inverse_h);
+            const real mu_b = s.viscosity[b];
+            const real stress = 2 * mu_a * mu_b / (mu_a + mu_b + real(1e-30)) * (ux * rx + uy * ry) * s.viscous_scale
+                                / (r2 + s.softening);
+            const real p = (p_a + s.pressure[b]) * inverse_moment;
+            fx += slope * (stress - p) * rx;
+            fy += slope * (stress - p) * ry;
+            cx += slope * rx;
+            cy += slope * ry;
+            px += slope * p * rx;
+            py += slope * p * ry;
+            const real moving = s.mobility[b] == 1 ? slope : real(0);
+            gxx -= moving * ux * rx;
+            gxy -= moving * ux * ry;
+            gyx -= moving * uy * rx;
+            gyy -= moving * uy * ry;
+        }
+        const real behind = 2 * inverse_moment * s.background[a];
+        const real tx = s.tangential_force[2 * a] + behind * cx, ty = s.tangential_force[2 * a + 1] + behind * cy;
+        s.surface_force[2 * a] = tx;
+        s.surface_force[2 * a + 1] = ty;
+        s.acceleration[2 * a] = (fx + tx) / s.density[a];
+        s.acceleration[2 * a + 1] = (fy + ty) / s.density[a] - s.gravity;
+        const real off = real(0.5) * (gxy + gyx), mean = real(0.5) * (gxx + gyy);
+        const real rate = sqrt(2 * max(real(0), gxx * gxx + gyy * gyy + 2 * off * off - 2 * mean * mean));
+        real ax = cx, ay = cy;
+        const real nx = s.normal[2 * a], ny = s.normal[2 * a + 1];
+        if (nx * nx + ny * ny > real(0.5)) {
+            const real along = cx * nx + cy * ny;
+            ax = real(0.5) * (cx - along * nx);
+            ay = real(0.5) * (cy - along * ny);
+        }
+        const real by = -min(s.shifting * s.h * s.h * rate * s.dt, real(0.1) * s.h * s.h);
+        s.shift[2 * a] = by * ax;
+        s.shift[2 * a + 1] = by * ay;
+        s.density_after[a] = s.density[a] + by * (ax * (px - 2 * inverse_moment * p_a * cx)
+                                                  + ay * (py - 2 * inverse_moment * p_a * cy))
+                                                / (s.sound_speed * s.sound_speed);
+    }
+}
+
+extern "C" void continuity(const Scene *scene) {
+    const Scene &s = *scene;
+    const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h);
+    for (int k = 0; k < s.mobile; k++) {
+        const int a = s.rows[k];
+        const real x = s.position[2 * a], y = s.position[2 * a + 1];
+        const real u = s.velocity[2 * a], v = s.velocity[2 * a + 1];
+        const real excess = s.density[a] - s.reference_density[a];
+        real divergence = 0, diffused = 0, gamma = s.volume[a] * s.alpha;
+        real weight = gamma, background = gamma * s.background[a];
+        const int *list = s.near + (long)a * s.near_capacity;
+        for (int j = 0; j < s.near_count[a]; j++) {
+            const int b = list[j];
+            const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+            const real r2 = rx * rx + ry * ry;
+            const real slope = s.volume[b] * F(r2, slope_factor, inverse_h);
+            const real share = s.volume[b] * W(r2, s.alpha, inverse_h);
+            const real moves = s.mobility[b] == 1 ? real(1) : real(0);
+            divergence += slope * ((u - s.velocity[2 * b]) * rx + (v - s.velocity[2 * b + 1]) * ry);
+            diffused -= moves * slope * s.delta * (s.density[b] - s.reference_density[b] - excess);
+            gamma += share;
+            weight += moves * share;
+            background += moves * share * s.background[b];
+        }
+        const real place = min(s.colour_strength[a] * s.table_scale, s.intervals * (1 - real(1e-6)));
+        const int knot = (int)place;
+        const real ideal = s.flat_shepard[knot] + (place - knot) * (s.flat_shepard[knot + 1] - s.flat_shepard[knot]);
+        const real packed = max(real(-0.1), min(real(0.1), gamma / ideal - 1));
+        s.density_rate[a] = s.density[a] * (divergence / s.moment + s.packing * packed) + diffused;
+        s.shepard[a] = gamma;
+        s.background_mean[a] = background / weight;
+    }
+}
+
+extern "C" void colour(const Scene *scene) {
+    const Scene &s = *scene;
+    const real inverse_h = 1 / s.h_surface, slope_factor = -5 * s.alpha_surface / (s.h_surface * s.h_surface);
+    for (int i = 0; i < s.near_surface_count; i++) {
+        const int a = s.rows[s.near_surface[i]];
+        const real x = s.position[2 * a], y = s.position[2 * a + 1];
+        real gx = 0, gy = 0;
+        const int *lists[2] = {s.near + (long)a * s.near_capacity, s.far + (long)a * s.far_capacity};
+        const int counts[2] = {s.near_count[a], s.far_count[a]};
+        for (int part = 0; part < 2; part++)
+            for (int j = 0; j < counts[part]; j++) {
+                const int b = lists[part][j];
+                const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+                const real slope = 2 * s.volume[b] * F(rx * rx + ry * ry, slope_factor, inverse_h);
+                gx += slope * rx;
+                gy += slope * ry;
+            }
+        const real strength = sqrt(gx * gx + gy * gy);
+        const bool cut = !(strength > s.normal_cut);
+        s.colour_gradient[2 * a] = gx;
+        s.colour_gradient[2 * a + 1] = gy;
+        s.colour_strength_found[a] = strength;
+        s.normal_found[2 * a] = cut ? real(0) : gx / strength;
+        s.normal_found[2 * a + 1] = cut ? real(0) : gy / strength;
+    }
+}
+
+extern "C" void conduction(const Scene *scene) {
+    const Scene &s = *scene;
+    const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h);
+    for (int k = 0; k < s.total; k++) {
+        const int a = s.rows[k];
+        const real x = s.position[2 * a], y = s.position[2 * a + 1];
+        const real phi = s.kirchhoff[a], factor = s.conduction_factor[a];
+        real conducted = 0;
+        const int *list = s.near + (long)a * s.near_capacity;
+        for (int j = 0; j < s.near_count[a]; j++) {
+            const int b = list[j];
+            const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+            const real slope = s.volume[b] * F(rx * rx + ry * ry, slope_factor, inverse_h);
+            conducted += slope * (factor + s.conduction_factor[b]) * (phi - s.kirchhoff[b]);
+        }
+        s.heating[a] = (double)(s.volume[a] * conducted);
+    }
+}

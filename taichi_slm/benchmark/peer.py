@@ -1,0 +1,206 @@
+"""The C++ versions of some passes: compiled, given the arrays of a simulation, and compared with Taichi's results.
+
+Both sides read the same lists and the same fields; the results of C++ go to arrays of its own.
+"""
+
+import ctypes
+import functools
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_slm.backend import ti
+from taichi_slm.physics.continuity import PACKING_BRACKET
+from taichi_slm.physics.shifting import AT_SURFACE, LARGEST
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.sph.lattice import isotropic_softening, viscous_moment
+
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=c++17", "-shared", "-fPIC")
+ABOUT = (
+    f"Plain scalar loops (taichi_slm/benchmark/peer.cpp), g++ {' '.join(FLAGS[:3])}; Taichi has fast math too. The "
+    "largest difference is that of any result of the pass, over the largest value of that result."
+)
+SOURCE = Path(__file__).with_name("peer.cpp")
+_CONSTANTS = (
+    "h", "alpha", "h_surface", "alpha_surface", "moment", "softening", "viscous_scale", "gravity", "sound_speed",
+    "delta", "packing", "shifting", "dt", "normal_cut", "table_scale",
+)  # fmt: skip
+_SIZES = ("mobile", "total", "near_surface_count", "near_capacity", "far_capacity", "intervals")
+_LISTS = ("rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
+_FIELDS = (
+    "position", "velocity", "density", "reference_density", "volume", "pressure", "viscosity", "background",
+    "tangential_force", "normal", "colour_strength", "kirchhoff", "conduction_factor", "flat_shepard",
+)  # fmt: skip
+_RESULTS = {  # name in C++ -> field of Taichi
+    "acceleration": "acceleration", "surface_force": "surface_force", "shift": "shift", "density_after": "density",
+    "density_rate": "density_rate", "shepard": "shepard", "background_mean": "background_mean",
+    "colour_gradient": "colour_gradient", "colour_strength_found": "colour_strength", "normal_found": "normal",
+    "heating": "heating",
+}  # fmt: skip
+_PASSES = {
+    "momentum": ("acceleration", "surface_force", "shift", "density_after"),
+    "continuity": ("density_rate", "shepard", "background_mean"),
+    "colour": ("colour_gradient", "colour_strength_found", "normal_found"),
+    "conduction": ("heating",),
+}
+
+
+def missing() -> str:
+    """What is not there to compile C++ with, as a sentence; empty if all is."""
+    return "" if shutil.which("g++") else "no C++ compiler (g++) on this machine"
+
+
+@functools.lru_cache(maxsize=2)
+def _library(precision: str) -> ctypes.CDLL:
+    real = {"f64": "double", "f32": "float"}[precision]
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "peer.so"
+        subprocess.run(["g++", *FLAGS, f"-DREAL={real}", str(SOURCE), "-o", str(target)], check=True)
+        return ctypes.CDLL(str(target))  # stays loaded when the file is gone
+
+
+@functools.lru_cache(maxsize=2)
+def _structure(precision: str) -> Any:
+    real = ctypes.c_double if precision == "f64" else ctypes.c_float
+    pointers = (*_LISTS, *_FIELDS, *_RESULTS)
+
+    class Scene(ctypes.Structure):
+        """Mirror of `struct Scene` in peer.cpp."""
+
+        _fields_ = [*((name, real) for name in _CONSTANTS), *((name, ctypes.c_int) for name in _SIZES),
+                    *((name, ctypes.c_void_p) for name in pointers)]  # fmt: skip
+
+    return Scene
+
+
+@dataclass(frozen=True)
+class Twin:
+    """One pass in both languages, over the same ``rows`` with ``neighbours`` each on average."""
+
+    name: str
+    rows: int
+    neighbours: float
+    taichi: Callable[[], None]
+    cpp: Callable[[], None]
+    difference: Callable[[], float]
+
+
+def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
+    """The passes of a 2-D drop without walls, radiation and viscous heating; ``dt`` [s] of the momentum pass."""
+    exported = _Exported(sim, precision)
+    exported.check_forms()
+    flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
+    launches: dict[str, Callable[[float], None]] = {
+        "momentum": lambda step: flow._momentum(rows.mobile, step),
+        "continuity": lambda _: flow._continuity(rows.mobile),
+        "colour": lambda _: surface._colour(surface.flow),  # type: ignore[union-attr]
+        "conduction": lambda _: heat._rates(rows.total, 0, 0.0),  # type: ignore[union-attr]
+    }
+    counts = {"momentum": rows.mobile, "continuity": rows.mobile, "conduction": rows.total,
+              "colour": surface.flow if surface else 0}  # fmt: skip
+    return [exported.twin(name, counts[name], launch, dt) for name, launch in launches.items()]
+
+
+class _Exported:
+    """The arrays of a simulation for C++."""
+
+    def __init__(self, sim: Simulation, precision: str):
+        self._sim, self._precision = sim, precision
+        self._real = np.float64 if precision == "f64" else np.float32
+        self._library = _library(precision)
+
+    def check_forms(self) -> None:
+        """The C++ has the default forms only."""
+        sim, numerics = self._sim, self._sim.config.numerics
+        assert sim.scene.dimension == 2 and sim.state.needs.balanced and sim.state.needs.shifting
+        assert (
+            not (sim.state.needs.losses or sim.state.needs.viscous_heating) and len(sim.scene.materials) == 1
+        )
+        assert numerics.pressure_form == "sum" and numerics.viscosity_form == "isotropic"
+        assert (PACKING_BRACKET, LARGEST, AT_SURFACE) == (0.1, 0.1, 0.5), "peer.cpp has these numbers"
+
+    def _constants(self, dt: float) -> dict[str, float]:
+        disc, numerics = self._sim.disc, self._sim.config.numerics
+        softening = isotropic_softening(disc.flow_kernel, disc.dx)
+        intervals = len(disc.flat.shepard) - 1
+        return {
+            "h": disc.h, "alpha": disc.flow_kernel.alpha, "h_surface": disc.h_surface,
+            "alpha_surface": disc.surface_kernel.alpha, "moment": disc.gradient_moment, "softening": softening,
+            "viscous_scale": 2.0 / viscous_moment(disc.flow_kernel, softening, disc.dx), "gravity": disc.gravity,
+            "sound_speed": numerics.sound_speed, "delta": 2.0 * numerics.delta * disc.h * numerics.sound_speed,
+            "packing": numerics.packing_correction * numerics.sound_speed / disc.h, "shifting": disc.shifting,
+            "dt": dt, "normal_cut": numerics.normal_cut / disc.h_surface,
+            "table_scale": disc.h_surface / disc.flat.largest * intervals,
+        }  # fmt: skip
+
+    def _scene(self, dt: float) -> tuple[Any, dict[str, np.ndarray]]:
+        """The structure and the arrays that it points into."""
+        sim, rows, surface = self._sim, self._sim.rows, self._sim.surface
+        assert surface is not None
+        arrays = {name: getattr(rows, name).to_numpy() for name in _LISTS if hasattr(rows, name)}
+        arrays["near_surface"] = surface._near_surface.to_numpy()
+        arrays["mobility"] = sim.state.array("mobility")
+        arrays = {name: np.ascontiguousarray(values, np.int32) for name, values in arrays.items()}
+        for name in _FIELDS[:-1]:
+            arrays[name] = np.ascontiguousarray(sim.state.array(name), self._real)
+        arrays["flat_shepard"] = np.ascontiguousarray(sim.disc.flat.shepard, self._real)
+        for name, field in _RESULTS.items():
+            like = sim.state.array(field)
+            arrays[name] = np.zeros(like.shape, np.float64 if name == "heating" else self._real)
+        sizes = {"mobile": rows.mobile, "total": rows.total, "near_surface_count": surface.flow,
+                 "near_capacity": rows.near_capacity, "far_capacity": rows.far_capacity,
+                 "intervals": len(sim.disc.flat.shepard) - 1}  # fmt: skip
+        pointers = {name: values.ctypes.data for name, values in arrays.items()}
+        return _structure(self._precision)(**self._constants(dt), **sizes, **pointers), arrays
+
+    def twin(self, name: str, count: int, launch: Callable[[float], None], dt: float) -> Twin:
+        """The pass ``name``; timed with a step of zero, which leaves the simulation as it is."""
+        function = getattr(self._library, name)
+        function.restype, function.argtypes = None, [ctypes.c_void_p]
+        scene, arrays = self._scene(0.0)
+        place = ctypes.addressof(scene)
+
+        def taichi() -> None:
+            launch(0.0)
+            ti.sync()
+
+        def cpp(_keep: object = (scene, arrays)) -> None:
+            function(place)
+
+        def difference() -> float:
+            now, results = self._scene(dt)
+            function(ctypes.addressof(now))
+            before = self._sim.state.array("density")
+            launch(dt)
+            return self._largest_difference(name, results, before)
+
+        return Twin(name, count, self._neighbours(name), taichi, cpp, difference)
+
+    def _rows(self, name: str) -> np.ndarray:
+        rows, surface = self._sim.rows, self._sim.surface
+        assert surface is not None
+        chosen: np.ndarray = rows.rows.to_numpy()
+        if name == "colour":
+            return np.asarray(chosen[surface._near_surface.to_numpy()[: surface.flow]])
+        return chosen[: rows.total if name == "conduction" else rows.mobile]
+
+    def _neighbours(self, name: str) -> float:
+        rows, own = self._sim.rows, self._rows(name)
+        count = rows.near_count.to_numpy()[own] + (rows.far_count.to_numpy()[own] if name == "colour" else 0)
+        return float(count.mean())
+
+    def _largest_difference(self, name: str, results: dict[str, np.ndarray], density: np.ndarray) -> float:
+        """Of any result of the pass, over that result's largest value; of the density, over its largest change."""
+        worst, own = 0.0, self._rows(name)
+        for result in _PASSES[name]:
+            taichi, cpp = self._sim.state.array(_RESULTS[result])[own], results[result][own]
+            worst = max(worst, float(np.abs(taichi - cpp).max() / np.abs(taichi).max()))
+        if name == "momentum":
+            self._sim.state.load(density=density)
+        return worst

@@ -1,0 +1,181 @@
+"""How cost grows, and with what it does not.
+
+Cold metal: one track on plates of growing depth; the pool stays the same, so its cost per step should. Size: drops
+that are liquid all through; cost per particle should not change, but for what a step costs with hardly any.
+Threads: a drop and a track. Memory: what the fields take, and how much more a process with more particles takes at
+its peak. Start: the program's answers before it computes, and the first step with an empty and a filled cache of
+kernels.
+"""
+
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
+from taichi_slm.benchmark.report import Findings
+from taichi_slm.benchmark.scenes import drop, track, warm
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.verification.case import Curve
+
+_RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # ru_maxrss is in bytes there, in KiB elsewhere
+
+
+def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
+    """Cold metal, size, threads, memory, start."""
+    rounds = 2 if quick else 5
+    _cold(findings, rounds, (1, 3) if quick else (1, 3, 10), quick, yardstick)
+    _size(findings, rounds, (10, 20) if quick else (10, 20, 40, 80), yardstick)
+    _threads(findings, rounds, quick, yardstick)
+    _memory(findings, (20, 100) if quick else (40, 200), yardstick)
+    _start(findings, 2 if quick else 5, yardstick)
+
+
+def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, Any]:
+    """``count`` heat steps of a scene: "drop" of R/dx ``size``, "track" on a plate ``size`` times as deep."""
+    config = drop(int(size)) if scene == "drop" else track(6, plate=size, duration=1e-3)
+    sim = Simulation(config, threads=threads)
+    if scene == "drop":
+        warm(sim)
+    for _ in range(8 if scene == "drop" else 60):  # until there is a pool, and every kernel was launched
+        sim.step()
+    before, began = sim.steps, time.perf_counter()
+    for _ in range(count):
+        sim.step()
+    seconds = time.perf_counter() - began
+    return {"particles": sim.scene.count, "active particles": sim.rows.total, "moving particles": sim.rows.mobile,
+            "us per flow step": 1e6 * seconds / (sim.steps - before)}  # fmt: skip
+
+
+def _in_turn(jobs: dict[str, dict[str, Any]], rounds: int, yardstick: Yardstick) -> list[dict[str, Any]]:
+    """A row for every job; its time also over that of the first."""
+    found = processes_in_turn(jobs, "scaling:steps", rounds, yardstick)
+    rows, first = [], next(iter(found.values()))
+    for name, runs in found.items():
+        if "failure" in runs[0] or "failure" in first[0]:
+            rows.append({"scene": name, "failure": runs[0].get("failure", "nothing to compare with")})
+            continue
+        own, other = ([run["us per flow step"] for run in each] for each in (runs, first))
+        median = statistics.median(own)
+        rows.append({"scene": name, **runs[0], "us per flow step": median, "time over the first": ratio(own, other),
+                     "ns per active particle and flow step": 1e3 * median / runs[0]["active particles"]})  # fmt: skip
+    return rows
+
+
+def _cold(
+    findings: Findings, rounds: int, depths: tuple[int, ...], quick: bool, yardstick: Yardstick
+) -> None:
+    jobs = {f"plate x {n}": {"scene": "track", "size": n, "count": 20 if quick else 150} for n in depths}
+    rows = _in_turn(jobs, rounds, yardstick)
+    findings.table("scaling_cold", "Cold metal under one pool", rows)
+    _plot(findings, "scaling_cold", "Cold metal under one pool", rows, "us per flow step")
+
+
+def _size(findings: Findings, rounds: int, resolutions: tuple[int, ...], yardstick: Yardstick) -> None:
+    jobs = {
+        f"drop, R/dx {n}": {"scene": "drop", "size": n, "count": max(3, 4800 // n**2)} for n in resolutions
+    }
+    rows = _in_turn(jobs, rounds, yardstick)
+    findings.table("scaling_size", "Size of the pool: drops, liquid all through", rows)
+    _plot(findings, "scaling_size", "Size of the pool", rows, "ns per active particle and flow step")
+
+
+def _threads(findings: Findings, rounds: int, quick: bool, yardstick: Yardstick) -> None:
+    numbers = [n for n in (1, 2, 4, 8, 16) if n <= (os.cpu_count() or 1)]
+    rows = []
+    for scene, size in (("drop", 20 if quick else 60), ("track", 1)):
+        jobs = {f"{scene}, {n} threads": {"scene": scene, "size": size, "count": 5 if quick else 40, "threads": n}
+                for n in numbers}  # fmt: skip
+        rows += _in_turn(jobs, rounds, yardstick)
+    findings.table("scaling_threads", "Threads", rows)
+
+
+def memory(resolution: int, precision: str) -> dict[str, Any]:
+    """A drop after a step: its particles, the bytes of its fields and lists, and the process's peak."""
+    sim = Simulation(drop(resolution), threads=1, precision=precision)
+    sim.step()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT  # before the copies below
+    fields = sum(sim.state.array(name).nbytes for name in sim.state.names)
+    names = ("rows", "core", "listed", "near_count", "near", "far_count", "far")
+    lists = sum(getattr(sim.rows, name).to_numpy().nbytes for name in names if hasattr(sim.rows, name))
+    return {"particles": sim.scene.count, "fields": fields, "lists": lists, "peak": peak}
+
+
+def _memory(findings: Findings, resolutions: tuple[int, int], yardstick: Yardstick) -> None:
+    rows = []
+    for precision in ("f64", "f32"):
+        few, many = (
+            in_its_own_process("scaling:memory", resolution=n, precision=precision) for n in resolutions
+        )
+        yardstick.measure()
+        if "failure" in few or "failure" in many:
+            rows.append({"precision": precision, "failure": few.get("failure") or many.get("failure")})
+            continue
+        more = many["particles"] - few["particles"]
+        rows.append({
+            "precision": precision, "particles": many["particles"], "fields, bytes per particle":
+            many["fields"] / many["particles"], "neighbour lists, bytes per particle":
+            many["lists"] / many["particles"], "process, bytes per further particle":
+            (many["peak"] - few["peak"]) / more, "process, MB": many["peak"] / 1e6,
+        })  # fmt: skip
+    findings.table("scaling_memory", "Memory of a 2-D drop with heat, flow and surface tension", rows,
+                   "The further particles are those of the larger drop over those of a smaller one; the process's "
+                   "peak holds what is copied while a scene is built as well.")  # fmt: skip
+
+
+def first_step() -> dict[str, Any]:
+    """Seconds from the start of Taichi to the end of the first step of a track, and those of compiling in it."""
+    began = time.perf_counter()
+    sim = Simulation(track(3))
+    sim.step()
+    return {"seconds": time.perf_counter() - began, "compiling": sim.compile_time_s}
+
+
+def _start(findings: Findings, rounds: int, yardstick: Yardstick) -> None:
+    seconds: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "track.yaml"
+        scene.write_text(json.dumps(track(3).model_dump(mode="json", exclude_unset=True)), encoding="utf-8")
+        for turn in range(rounds):
+            kernels = {"TI_OFFLINE_CACHE_FILE_PATH": str(Path(folder) / f"cache{turn}")}
+            actions: dict[str, Callable[[], Any]] = {
+                "taichi-slm --help": partial(_command, "--help"),
+                "taichi-slm validate": partial(_command, "validate", str(scene)),
+                "process to first step, no kernels in the cache":
+                    partial(in_its_own_process, "scaling:first_step", kernels),
+                "process to first step, kernels in the cache":
+                    partial(in_its_own_process, "scaling:first_step", kernels),
+            }  # fmt: skip
+            for name, action in actions.items():
+                began = time.perf_counter()
+                result = action()
+                taken = time.perf_counter() - began
+                if "failure" not in result:
+                    seconds.setdefault(name, []).append(taken)
+                yardstick.measure()
+    rows = [{"what": name, "seconds": statistics.median(each), "shortest": min(each), "longest": max(each)}
+            for name, each in seconds.items()]  # fmt: skip
+    findings.table("scaling_start", "Start: wall time of a process", rows)
+
+
+def _command(*arguments: str) -> dict[str, Any]:
+    """Run the program; {} or {"failure": ...}."""
+    code = "import sys; from taichi_slm.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+    )
+    return {"failure": done.stderr} if done.returncode else {}
+
+
+def _plot(findings: Findings, name: str, title: str, rows: list[dict[str, Any]], y: str) -> None:
+    measured = [row for row in rows if y in row]
+    curve = Curve("", [row["particles"] for row in measured], [row[y] for row in measured])
+    findings.plot(name, title, "particles", y, [curve])

@@ -1,0 +1,150 @@
+"""`taichi-slm bench`: what is measured has the right shape, C++ and Taichi agree, skips change what they may."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from taichi_slm.benchmark import accuracy, bench, skips, speed
+from taichi_slm.benchmark.measure import in_its_own_process, in_turn, ratio
+from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
+from taichi_slm.benchmark.passes import Watch
+from taichi_slm.benchmark.report import Findings, write_page
+from taichi_slm.benchmark.scenes import drop, track, warm
+from taichi_slm.cli import app
+from taichi_slm.config.load import load_config
+from taichi_slm.config.schema import Performance
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.verification.case import Curve
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_ratios_are_those_of_one_turn():
+    """A machine that slows down in the middle changes both numbers of a turn, and no ratio."""
+    assert ratio([1.0, 3.0, 30.0], [2.0, 6.0, 60.0]) == 0.5
+    calls = []
+    seconds = in_turn({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, rounds=2, repeats=2)
+    assert "".join(calls) == "aabb" * 3  # once to warm up
+    assert all(len(each) == 2 and min(each) > 0 for each in seconds.values())
+
+
+def test_the_papers_settings_are_those_of_its_config():
+    text = (ROOT / "configs" / "track_150W.yaml").read_text(encoding="utf-8")
+    assert "extends" not in text
+    plain = load_config(ROOT / "configs" / "track_150W.yaml").config
+    printed = accuracy.changed(plain, 1.0, "printed")
+    import ruamel.yaml
+
+    paper = ruamel.yaml.YAML(typ="safe").load(ROOT / "configs" / "paper.yaml")
+    assert paper["numerics"] == PAPER_FORMS
+    assert paper["performance"] == NO_SKIPS
+    assert printed.numerics.integrator == "leapfrog_printed"
+    assert set(PAPER_STEPS) <= set(PAPER_FORMS)
+
+
+def test_every_switch_of_performance_is_in_the_ablation():
+    switches = {name for name, key in Performance.model_fields.items() if key.annotation is bool}
+    assert set(NO_SKIPS) == switches
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize(
+    ("precision", "limit"), [("f64", 1e-12), pytest.param("f32", 1e-4, marks=pytest.mark.slow)]
+)
+def test_cpp_computes_the_same_numbers(precision, limit):
+    found = speed.beside_cpp(precision, quick=True)["rows"]
+    assert [row["pass"] for row in found] == ["momentum", "continuity", "colour", "conduction"]
+    for row in found:
+        assert row["largest difference"] < limit, row
+        assert row["taichi over c++"] > 0
+        assert 10 < row["neighbours"] < 40
+
+
+def test_the_watch_sees_every_pass_and_leaves_no_trace():
+    sim = Simulation(drop(10), threads=1)
+    warm(sim)
+    watch, before = Watch(sim), dict(vars(sim.flow_step.flow))
+    sim.step()
+    assert not watch.passes
+    steps = sim.steps
+    with watch.watching():
+        sim.step()
+    assert vars(sim.flow_step.flow) == before
+    momentum = watch.passes["flow: momentum"]
+    assert len(momentum.seconds) == sim.steps - steps
+    assert set(momentum.rows) == {sim.rows.mobile}
+    assert {"surface: colour", "heat: rates", "flow: continuity"} <= set(watch.passes)
+
+
+def test_skips_change_what_they_may():
+    """Skips that leave out what adds nothing, on a short track: to round-off; all off: to what a flow scatters."""
+
+    def melt(**switches):
+        config = track(2, duration=8e-6, performance=switches)
+        sim = Simulation(config, threads=1)
+        sim.run()
+        arrays = sim.arrays(("id", "position", "temperature", "ever_liquid"))
+        return {"rise": sim.hottest - 293.0, "spacing": config.spacing, "length": 0.0, "depth": 0.0, **arrays}
+
+    reference = melt()
+    assert reference["ever_liquid"].any()
+    exact = ("skip_solid", "skip_cold", "skip_interior", "skip_dark")
+    assert skips.within("these off", skips.difference(melt(**dict.fromkeys(exact, False)), reference))
+    assert skips.within("all off", skips.difference(melt(**NO_SKIPS), reference))
+
+
+def test_a_point_of_a_curve_is_a_run_of_the_case():
+    default = accuracy.point("neumann", 8)
+    shorter = accuracy.point("neumann", 8, step=0.5)
+    assert default["error"] < 0.01
+    assert default["seconds"] > 0
+    assert shorter["steps"] > 1.3 * default["steps"]
+    rows = [
+        {"settings": "f64", "seconds": 2.0, "error": 0.2},
+        {"settings": "f32", "seconds": 1.0, "error": 0.1},
+    ]
+    accuracy.add_front(rows)
+    assert rows[0]["dominated by"] == 2.0
+
+
+def test_a_process_that_fails_is_a_sentence():
+    assert "neither" in in_its_own_process("accuracy:point", case="neither", level=1)["failure"]
+
+
+def test_files_and_page(tmp_path, monkeypatch):
+    """bench.json, a CSV file and a plot, and a page that has every number; subjects of an earlier run stay."""
+
+    def compute(findings: Findings, quick, yardstick):
+        findings.table(
+            "some", "Some rows", [{"a": 1.5, "b": "x|y"}, {"a": None, "c": float("nan")}], "A note."
+        )
+        findings.plot(
+            "some", "A plot", "x", "y", [Curve("one", [1.0, 2.0], [3.0, 4.0]), Curve("none", [], [])]
+        )
+
+    for name in ("skips", "speed"):
+        monkeypatch.setattr(f"taichi_slm.benchmark.{name}.compute", compute)
+    quiet = Console(quiet=True)
+    bench.bench(["speed"], tmp_path, True, quiet)
+    report = bench.bench(["skips"], tmp_path, True, quiet)
+    assert list(report["subjects"]) == ["speed", "skips"]
+    subject = report["subjects"]["skips"]
+    assert {"title", "about", "quick", "seconds", "drift", "machine", "tables", "plots"} <= set(subject)
+    assert subject["drift"] >= 1.0
+    with open(tmp_path / "some.csv", newline="", encoding="utf-8") as file:
+        assert list(csv.reader(file)) == [["a", "b", "c"], ["1.5", "x|y", ""], ["", "", "nan"]]
+    assert (tmp_path / "plots" / "some.png").stat().st_size > 1000
+    write_page(report, tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert "| 1.5 | x\\|y |  |" in page
+    assert page.count("images/performance/some.png") == 2
+
+
+def test_a_wrong_subject_is_named():
+    result = CliRunner().invoke(app, ["bench", "sped"])
+    assert result.exit_code != 0
+    assert "did you mean 'speed'" in str(result.exception)
