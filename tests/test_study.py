@@ -1,5 +1,6 @@
 """Studies: axes and their checks, processes that fail, stop, die and go on, the table and the pictures."""
 
+import contextlib
 import csv
 import itertools
 import json
@@ -13,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import study_program
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 
 from taichi_slm.cli import main
@@ -148,6 +151,7 @@ def test_repeats_are_seeds_and_a_run_is_known_by_its_scene(study):
         (GRID, "overview: {x: spacing}", "study.yaml:4: overview.x: 'spacing' is not a key of the axes: laser.power"),
         (GRID, "seeds: [1]\nrepeats: 2\ntitle: [", "is not closed"),
         ("{kind: grid, values: {laser: [null], laser.power: [1]}}", "", "laser.power: this key is changed at"),
+        ("{kind: grid, values: {title=x.y: [1]}}", "", "'title=x.y' is not the path of a key, as laser.power is"),
         ("{kind: grid, values: {seed: [1]}}", "repeats: 2", "this key is changed at study.yaml:3 already"),
         ("{kind: latin_hypercube, count: 20000, ranges: {laser.power: [1, 2]}}", "", "ask for 20,000 runs"),
         ("{kind: grid, values: {spacing: [20 um, 1 m]}}", "", "(run 2 of 2)"),
@@ -170,6 +174,46 @@ def test_errors_of_all_runs_are_shown_at_once_and_nothing_starts(study, monkeypa
     assert ended.value.code == 2
     assert "Traceback" not in capsys.readouterr().err
     assert not Path("studies").exists()
+
+
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from(["50 W", "2 um"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=2),
+    max_leaves=6,
+)
+KEYS = st.sampled_from(
+    ["laser.power", "spacing", "bodies.0", "laser", "title=x.y", " spacing", "extends", "seed", "a.b"]
+)
+AXES = st.fixed_dictionaries(
+    {"kind": st.sampled_from(["grid", "zip", "list", "latin_hypercube", "csv", "x"])},
+    optional={
+        "values": st.dictionaries(KEYS, st.lists(VALUES, max_size=2) | VALUES, max_size=2),
+        "points": st.lists(st.dictionaries(KEYS, VALUES, max_size=2), max_size=2),
+        "ranges": st.dictionaries(KEYS, st.lists(VALUES, min_size=2, max_size=2), max_size=2),
+        "count": st.integers(-1, 3),
+        "file": st.text(max_size=5),
+    },
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(axes=st.lists(AXES, max_size=2) | VALUES, repeats=st.integers(0, 2) | VALUES, changed=VALUES)
+def test_any_study_is_planned_or_refused_with_a_sentence(tmp_path_factory, axes, repeats, changed):
+    folder = tmp_path_factory.mktemp("fuzz")
+    (folder / "comet.yaml").write_text(SCENE)
+    given_text = json.dumps(
+        {"scene": "comet.yaml", "axes": axes, "repeats": repeats, "set": {"seed": changed}}
+    )
+    (folder / "study.yaml").write_text(given_text)
+    try:
+        assert load_plan(folder / "study.yaml").runs
+    except ConfigError as error:
+        assert str(error)
 
 
 @pytest.mark.parametrize(

@@ -132,13 +132,16 @@ def _points(study: Study, tree: Node, path: Path) -> list[list[Change]]:
         raise SyntaxProblemError(_problem(tree, ("axes",), sentence))
     points = [list(itertools.chain(*parts)) for parts in itertools.product(*axes)]
     for point in points:
-        _no_key_twice(point)
+        _check_keys(point)
     return points
 
 
-def _no_key_twice(point: Sequence[Change]) -> None:
-    """Of two changes to one key, or to a key and one below it, the second would undo the first."""
+def _check_keys(point: Sequence[Change]) -> None:
+    """Keys are paths; of two changes to one key, or to a key and one below it, the second would undo the first."""
     for i, change in enumerate(point):
+        if not re.fullmatch(r"[^\s=]+", change.key):
+            sentence = f"'{printable(change.key)}' is not the path of a key, as laser.power is"
+            raise SyntaxProblemError(Problem(change.where, (), sentence))
         for other in point[:i]:
             a, b = f"{change.key}.", f"{other.key}."
             if a.startswith(b) or b.startswith(a):
@@ -305,9 +308,12 @@ def _last_word(key: str) -> str:
 
 
 def _value_at(resolved: Any, key: str) -> Any:
-    """The value of ``key`` in a resolved config: in SI, whatever unit the study gave it in."""
+    """The value of ``key`` in a resolved config: in SI, whatever unit the study gave it in; None without one."""
     for word in key.split("."):
-        resolved = resolved[int(word)] if isinstance(resolved, list) else resolved.get(word)
+        if isinstance(resolved, list):
+            resolved = resolved[int(word)]
+        else:
+            resolved = resolved.get(word) if isinstance(resolved, dict) else None
     return resolved
 
 
