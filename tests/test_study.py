@@ -5,6 +5,7 @@ import csv
 import itertools
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -449,3 +450,11 @@ def test_overview_shows_what_there_is(study, more):
     assert Path("overview.png").read_bytes().startswith(b"\x89PNG")
     assert not overview(plan, [row | {"max_temperature_K": None} for row in rows], Path("none.png"))
     assert not Path("none.png").exists()
+
+
+@pytest.mark.parametrize("name", ["power_sweep", "process_map", "conductivity_study", "resolution_study"])
+def test_scripts_know_their_study(name, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--check"])
+    runpy.run_path(str(ROOT / "scripts" / f"{name}.py"), run_name="__main__")
+    assert capsys.readouterr().out.endswith("runs, all valid\n")

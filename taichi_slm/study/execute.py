@@ -90,6 +90,8 @@ def perform(job: Job, stop: "Stop | StopFile | None" = None) -> End:
         code = _wait(process, stop)
         sentence = "" if code == 0 else _last_words(study.log(job.name), said_before, code)
     ended = "done" if code == 0 else "stopped" if code in STOPPED or _asked(stop) else "failed"
+    if code and standing(folder) == "done":
+        ended, sentence = "done", f"but its pictures may be missing: taichi-slm render {folder.path}"
     return End(job.name, ended, code, sentence, time.perf_counter() - began, begun=True)
 
 

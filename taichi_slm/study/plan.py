@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import math
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -99,7 +100,7 @@ def load_plan(path: Path, arch: str = "cpu", precision: str = "f64") -> Plan:
         if problems:
             raise refused(problems)
         scene = path.parent / study.scene
-        if not scene.is_file():
+        if not os.path.isfile(scene):  # unlike Path's, it has an answer for any name
             raise SyntaxProblemError(
                 _problem(tree, ("scene",), f"there is no file '{printable(str(scene), 200)}'")
             )
@@ -212,9 +213,10 @@ def _seeds(study: Study, tree: Node, path: Path) -> Iterator[list[Change]]:
     key = "repeats" if study.seeds is None else "seeds"
     seeds = study.seeds
     if seeds is None:
-        own = [parse(str(study.set["seed"]), "", [])] if "seed" in study.set else []
-        first = own[0].value if own and own[0] else load_config(path.parent / study.scene).config.seed
-        seeds = [(first if isinstance(first, int) else 0) + i for i in range(study.repeats)]
+        first = study.set.get("seed")
+        if not isinstance(first, int):
+            first = load_config(path.parent / study.scene).config.seed
+        seeds = [first + i for i in range(study.repeats)]
     for seed in seeds:
         yield [Change("seed", seed, _node(tree, key).where)]
 
