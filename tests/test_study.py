@@ -386,6 +386,18 @@ def wait_for(ask):
             time.sleep(0.05)
 
 
+def test_a_file_STOP_is_a_wish_to_stop(study):
+    plan = study(GRID)
+    folder = StudyFolder.prepare(Path("studies/study"))
+    stop = execute.Stop(folder.stop)
+    assert not stop.wanted()
+    folder.stop.touch()
+    assert stop.wanted()
+    job = execute.Job(folder.path.resolve(), plan.runs[0].name, 1, "cpu", "f64")
+    assert execute.perform(job, execute.StopFile(folder.stop)).state == "stopped"
+    assert standing(folder.run(plan.runs[0].name)) == "missing"
+
+
 def test_no_scheduler_is_a_sentence(study, console, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("taichi_slm.study.cluster.CONNECT_SECONDS", 1)
