@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from taichi_slm.benchmark import accuracy, bench, skips, speed
 from taichi_slm.benchmark.measure import in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
-from taichi_slm.benchmark.passes import Watch
+from taichi_slm.benchmark.passes import Pass, Watch
 from taichi_slm.benchmark.report import Findings, write_page
 from taichi_slm.benchmark.scenes import drop, track, warm
 from taichi_slm.cli import app
@@ -78,6 +78,23 @@ def test_the_watch_sees_every_pass_and_leaves_no_trace():
     assert len(momentum.seconds) == sim.steps - steps
     assert set(momentum.rows) == {sim.rows.mobile}
     assert {"surface: colour", "heat: rates", "flow: continuity"} <= set(watch.passes)
+
+
+def test_the_shares_of_a_step_add_up_and_a_stall_is_nobodys():
+    """Blocks of two steps; in one of them the machine stood still for a second during a pass."""
+
+    def block(stall):
+        launches = [Pass([1e-3, 1e-3 + stall], [100, 100]), Pass([5e-4], None)]
+        return speed.Block(
+            3e-3 + stall, 2, 500, 100, dict(zip(("flow: a", "lists: b"), launches, strict=True))
+        )
+
+    rows = {row["pass"]: row for row in speed.shares([block(0.0) for _ in range(99)] + [block(1.0)], 500.0)}
+    assert sum(row["share of the time"] for row in rows.values()) == pytest.approx(1.0)
+    assert rows["flow: a"]["share of the time"] == pytest.approx(2 / 3, rel=0.02)
+    assert rows["flow: a"]["ns per row"] == pytest.approx(1e4)
+    assert "rows" not in rows["lists: b"]
+    assert rows["Python and launches"]["ns per active particle and flow step"] == pytest.approx(500.0)
 
 
 def test_skips_change_what_they_may():

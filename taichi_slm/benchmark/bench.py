@@ -45,6 +45,7 @@ def bench(names: Sequence[str], out: Path, quick: bool, console: Console) -> dic
     file = out / "bench.json"
     found: dict[str, Any] = read_json(file)["subjects"] if file.is_file() else {}
     for name in names:
+        console.print(f"measuring {name}: {SUBJECTS[name]}", highlight=False)
         found[name] = measure_subject(name, quick)
         ordered = {each: found[each] for each in SUBJECTS if each in found}
         write_json(file, {"subjects": ordered})

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_slm.run.run_folder import _processor as processor
 from taichi_slm.run.run_folder import package_version, read_json, source_hash
 
 ENDS_WITHIN = 3600.0  # [s] of a process, or it is stopped and its failure is reported
@@ -73,7 +74,7 @@ def machine() -> dict[str, Any]:
     return {
         "version": package_version(), "git": source_hash(), "python": platform.python_version(),
         "taichi": version("taichi"), "numpy": np.__version__, "system": platform.platform(),
-        "processor": _processor(), "cores": os.cpu_count(),
+        "processor": processor(), "cores": os.cpu_count(),
     }  # fmt: skip
 
 
@@ -112,13 +113,3 @@ def processes_in_turn(
             results[name].append(in_its_own_process(function, **arguments))
             yardstick.measure()
     return results
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    except OSError:
-        pass  # not Linux
-    return platform.processor()

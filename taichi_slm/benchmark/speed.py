@@ -1,13 +1,15 @@
 """Where the time of a step goes, and how far a pass is from plain C++.
 
-A drop of 5,000 particles, all of them liquid, and a melting track, of which a few percent are, run on one thread.
+A drop of 5,000 particles, all of them liquid, and a melting track on a plate that stays solid, run on one thread.
 Blocks of steps are run with a clock on every pass and without one, in turn; steps are timed without. A row is one
 particle of the lists over which a pass runs: the moving ones, those beside them, or all with work, as the pass
-needs. "Python and launches" is what is left of a step when all passes are taken away.
+needs. "Python and launches" is what is left of a step when all passes are taken away. A launch that took more than
+five times as long as its like was stalled by another process, and counts as five.
 """
 
 import statistics
 import time
+from dataclasses import dataclass
 from typing import Any
 
 from taichi_slm.benchmark import peer
@@ -18,6 +20,7 @@ from taichi_slm.benchmark.scenes import drop, track, warm
 from taichi_slm.run.simulation import Simulation
 
 US = 1e6
+STALL = 5.0  # times the median: a launch is never that much longer than its like, but for another process
 
 
 def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
@@ -50,40 +53,46 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
 def profile(scene: str, precision: str, quick: bool) -> dict[str, Any]:
     """Passes and steps of ``scene``: {"step": a row, "passes": rows}."""
     drops = scene == "drop"
-    config = drop(16 if quick else 40) if drops else track(3 if quick else 12, duration=1e-3)
+    config = drop(16 if quick else 40) if drops else track(3 if quick else 12, 1.0 if quick else 3.0, 1e-3)
     sim = Simulation(config, precision=precision, threads=1)
     if drops:
         warm(sim)
     sim.compile()
     while not drops and sim.time < (40e-6 if quick else 200e-6):
         sim.step()  # until there is a pool
-    block, blocks = (4, 3) if quick else (15, 12)
-    watch = Watch(sim)
+    block, blocks = (2, 8) if quick else (5, 40)
+    watch, found, plain = Watch(sim), [], []
     with watch.watching():
         sim.step()  # the first launches of what had no particles when it was compiled
-    watch.passes.clear()
-    plain, watched, active, moving = [], [], [], []
-    flow_steps, whole = 0, 0.0
     for _ in range(blocks):
         before = sim.steps
         plain.append(_block(sim, block) / (sim.steps - before))
+        watch.passes.clear()
         before = sim.steps
         with watch.watching():
             seconds = _block(sim, block)
-        whole += seconds
-        watched.append(seconds / (sim.steps - before))
-        flow_steps += sim.steps - before
-        active.append(sim.rows.total)
-        moving.append(sim.rows.mobile)
-    per_step = statistics.median(plain)
+        found.append(Block(seconds, sim.steps - before, sim.rows.total, sim.rows.mobile, dict(watch.passes)))
+    per_step, active = statistics.median(plain), statistics.mean(each.active for each in found)
     step = {
-        "particles": sim.scene.count, "active particles": statistics.mean(active),
-        "moving particles": statistics.mean(moving), "us per flow step": US * per_step,
-        "ns per active particle and flow step": 1e9 * per_step / statistics.mean(active),
-        "flow steps per heat step": flow_steps / (block * blocks), "with the clock over without": ratio(watched, plain),
+        "particles": sim.scene.count, "active particles": active,
+        "moving particles": statistics.mean(each.moving for each in found), "us per flow step": US * per_step,
+        "ns per active particle and flow step": 1e9 * per_step / active,
+        "flow steps per heat step": sum(each.steps for each in found) / (block * blocks),
+        "with the clock over without": ratio([each.seconds / each.steps for each in found], plain),
         "neighbours of an active particle": _neighbours(sim),
     }  # fmt: skip
-    return {"step": step, "passes": _shares(watch, whole, flow_steps, statistics.mean(active))}
+    return {"step": step, "passes": shares(found, active)}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some steps with a clock on every pass."""
+
+    seconds: float
+    steps: int  # of flow
+    active: int  # rows at its end
+    moving: int
+    passes: dict[str, Pass]
 
 
 def _block(sim: Simulation, steps: int) -> float:
@@ -99,28 +108,39 @@ def _neighbours(sim: Simulation) -> float:
     return float(sim.rows.near_count.to_numpy()[rows].mean())
 
 
-def _shares(watch: Watch, whole: float, flow_steps: int, active: float) -> list[dict[str, Any]]:
-    """A row for every pass that was launched, the most expensive first; ``whole`` [s] is all that was watched."""
-    launched = {name: seen for name, seen in watch.passes.items() if seen.seconds}
-    rows = [_pass(name, seen, whole, flow_steps, active) for name, seen in launched.items()]
+def shares(blocks: list[Block], active: float) -> list[dict[str, Any]]:
+    """A row for every pass that was launched, the most expensive first, and one for what is left."""
+    steps = sum(block.steps for block in blocks)
+    names = dict.fromkeys(name for block in blocks for name in block.passes)
+    rows: list[dict[str, Any]] = []
+    for name in names:
+        each = [block.passes[name] for block in blocks if name in block.passes]
+        seconds = [s for one in each for s in one.seconds]
+        if not seconds:
+            continue
+        row: dict[str, Any] = {
+            "pass": name, "share of the time": without_stalls(seconds) / steps,
+            "launches per flow step": len(seconds) / steps, "us per launch": US * statistics.median(seconds),
+        }  # fmt: skip
+        visited = [(s, n) for one in each for s, n in zip(one.seconds, one.rows or (), strict=False) if n]
+        if visited:
+            row["rows"] = statistics.mean(n for _, n in visited)
+            row["ns per row"] = 1e9 * statistics.median(s / n for s, n in visited)
+        rows.append(row)
     rows.sort(key=lambda row: -row["share of the time"])
-    left = whole - sum(sum(seen.seconds) for seen in launched.values())
-    rows.append({"pass": "Python and launches", "share of the time": left / whole,
-                 "ns per active particle and flow step": 1e9 * left / flow_steps / active})  # fmt: skip
+    left = [block.seconds - sum(sum(one.seconds) for one in block.passes.values()) for block in blocks]
+    rows.append({"pass": "Python and launches", "share of the time": without_stalls(left) / steps})
+    whole = sum(row["share of the time"] for row in rows)
+    for row in rows:
+        row["ns per active particle and flow step"] = 1e9 * row["share of the time"] / active
+        row["share of the time"] /= whole
     return rows
 
 
-def _pass(name: str, seen: Pass, whole: float, flow_steps: int, active: float) -> dict[str, Any]:
-    total = sum(seen.seconds)
-    row: dict[str, Any] = {
-        "pass": name, "share of the time": total / whole, "launches per flow step": len(seen.seconds) / flow_steps,
-        "us per launch": US * statistics.median(seen.seconds),
-    }  # fmt: skip
-    visited = [(s, n) for s, n in zip(seen.seconds, seen.rows or (), strict=False) if n]
-    if visited:
-        row["rows"] = statistics.mean(n for _, n in visited)
-        row["ns per row"] = 1e9 * statistics.median(s / n for s, n in visited)
-    return row | {"ns per active particle and flow step": 1e9 * total / flow_steps / active}
+def without_stalls(seconds: list[float]) -> float:
+    """Sum of times, each at most ``STALL`` times their median: beyond that the machine did something else."""
+    longest = STALL * statistics.median(seconds)
+    return sum(min(s, longest) for s in seconds)
 
 
 def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
