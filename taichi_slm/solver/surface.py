@@ -33,7 +33,10 @@ class SurfacePasses:
         self.evaluations = 0  # of curvature and surface force so far: what the clips are a share of
         self._skip_interior = skip_interior
         self._ordered = disc.ordered
-        self._colour_all, self._colour, self._select = self._compile_colour(state, cells, rows, disc)
+        pair, store = _colour_gradient(state, disc)
+        self._colour_all = self._compile_colour_everywhere(state, cells, disc, pair, store)
+        self._colour = self._compile_colour(state, rows, disc, pair, store)
+        self._select = self._compile_select(state, rows, disc)
         if state.needs.tension:
             self._forces = self._compile_forces(state, rows, disc, ledger, evaporations)
         self._tension = state.needs.tension
@@ -56,36 +59,11 @@ class SurfacePasses:
             self._forces(self.mobile)
             self.evaluations += self.mobile
 
-    def _compile_colour(self, state: State, cells: Cells, rows: Neighbours, disc: Discretisation) -> Any:
-        numerics = disc.numerics
-        _, F = disc.surface_kernel.functions()
-        gamma_form = disc.uses_shepard and numerics.colour_gradient == "gamma"
-        cut = numerics.normal_cut / disc.h_surface
+    def _compile_colour_everywhere(
+        self, state: State, cells: Cells, disc: Discretisation, pair: Any, store: Any
+    ) -> Any:
         support2 = disc.surface_kernel.support**2
         window = cells.window(cells.reach(disc.surface_kernel.support))
-        inside = INSIDE * disc.flat.largest / disc.h_surface
-        serial, ordered = disc.serial, disc.ordered
-        near_surface, ends = self._near_surface, self._ends
-        balanced = state.needs.balanced
-
-        @ti.func
-        def store(a, gradient):
-            strength = gradient.norm()
-            normal = gradient * 0.0
-            if strength > cut:
-                normal = gradient / strength
-            state.colour_gradient[a] = gradient
-            state.colour_strength[a] = strength
-            state.normal[a] = normal
-
-        @ti.func
-        def pair(a, b):
-            """Contribution of b to the colour gradient of a; c = 1 in the metal."""
-            r = state.position[a] - state.position[b]
-            factor = 2.0 * state.volume[b]
-            if ti.static(gamma_form):  # (20) as printed
-                factor = state.volume[b] * (1.0 / state.shepard[a] + 1.0 / state.shepard[b])
-            return factor * F(r.norm_sqr()) * r
 
         @ti.kernel
         def colour_all():
@@ -100,147 +78,96 @@ class SurfacePasses:
                             total += pair(a, b)
                 store(a, total)
 
+        return colour_all
+
+    def _compile_colour(
+        self, state: State, rows: Neighbours, disc: Discretisation, pair: Any, store: Any
+    ) -> Any:
+        serial, near_surface, lists = disc.serial, self._near_surface, _both_lists(rows)
+
         @ti.kernel
         def colour(count: ti.i32):
             ti.loop_config(serialize=serial)
             for i in range(count):
-                k = near_surface[i]
-                a = rows.rows[k]
+                a = rows.rows[near_surface[i]]
                 total = state.position[a] * 0.0
-                for j in range(rows.near_count[a]):
-                    total += pair(a, rows.near[a, j])
-                for j in range(rows.far_count[a]):
-                    total += pair(a, rows.far[a, j])
+                for length, items, _ in ti.static(lists):
+                    for j in range(length[a]):
+                        total += pair(a, items[a, j])
                 store(a, total)
+
+        return colour
+
+    def _compile_select(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
+        inside = INSIDE * disc.flat.largest / disc.h_surface
+        needs, ordered, near_surface, ends = state.needs, disc.ordered, self._near_surface, self._ends
 
         @ti.kernel
         def select(mobile: ti.i32, flow: ti.i32, skip: ti.i32):
             ends[0] = 0
             ti.loop_config(serialize=ordered)
             for k in range(mobile):
-                if skip == 0 or state.colour_strength[rows.rows[k]] > inside:
+                a = rows.rows[k]
+                if skip == 0 or state.colour_strength[a] > inside:
                     near_surface[ti.atomic_add(ends[0], 1)] = k
-                elif ti.static(state.needs.tension):
-                    still = state.position[rows.rows[k]] * 0.0
-                    state.surface_force[rows.rows[k]] = still
-                    if ti.static(balanced):
-                        state.tangential_force[rows.rows[k]] = still
-                        state.at_surface[rows.rows[k]] = 0.0
+                elif ti.static(needs.tension):
+                    nothing = state.position[a] * 0.0
+                    state.surface_force[a] = nothing
+                    if ti.static(needs.balanced):
+                        state.tangential_force[a] = nothing
+                        state.at_surface[a] = 0.0
             ends[1] = ends[0]
             ti.loop_config(serialize=ordered)
             for k in range(mobile, flow):
                 if skip == 0 or state.colour_strength[rows.rows[k]] > inside:
                     near_surface[ti.atomic_add(ends[1], 1)] = k
 
-        return colour_all, colour, select
+        return select
 
     def _compile_forces(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger,
                         evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
-        numerics, physics, d = disc.numerics, disc.physics, disc.dimension
-        W, F = disc.surface_kernel.functions()
+        numerics, physics, balanced = disc.numerics, disc.physics, state.needs.balanced
         curvature = surface_curvature(
-            d, disc.h_surface, numerics.depth_correction, numerics.curvature_clip == "two_sided",
+            disc.dimension, disc.h_surface, numerics.depth_correction, numerics.curvature_clip == "two_sided",
             flat_table(disc.flat.depth, disc.flat, disc.h_surface, disc.real),
         )  # fmt: skip
-        marangoni = physics.marangoni
-        renormalise = numerics.temperature_gradient == "renormalised"
-        gradient_of, tangential = renormalised_gradient(d), tangential_force()
+        sums = _neighbourhood(state, rows, disc)
+        along = _marangoni(state, disc, ledger) if physics.marangoni else None
         recoil = vapour(evaporations, disc.real)[1] if physics.recoil else None
-        printed = numerics.curvature == "printed"
-        times_liquid = numerics.surface_times_liquid
-        at_zero = float(disc.surface_kernel.value(0.0))
-        serial, clamps, near_surface = disc.serial, ledger.clamps, self._near_surface
-        balanced = state.needs.balanced
-
-        _, F_flow = disc.flow_kernel.functions()
-        form, corrected = numerics.viscosity_form, numerics.viscosity_correction
-        missing_of = missing_stress(F_flow, viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
         weight_of = surface_weight(disc.h_surface, numerics.normal_cut)
-
-        @ti.func
-        def pair(a, b, normal, T):
-            """Contributions of b: normals' divergence, weight with a normal, temperature gradient, moment, Shepard."""
-            r = state.position[a] - state.position[b]
-            r2 = r.norm_sqr()
-            slope = state.volume[b] * F(r2)
-            weight = state.volume[b] * W(r2)
-            has = ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
-            counts = has
-            if ti.static(printed):
-                counts = 1.0
-            divergence = counts * slope * (state.normal[b] - normal).dot(r)
-            plain = slope * (state.temperature[b] - T) * r
-            moment = -slope * r.outer_product(r)
-            return divergence, has * weight, plain, moment, weight
+        serial, clamps, near_surface = disc.serial, ledger.clamps, self._near_surface
 
         @ti.kernel
         def forces(count: ti.i32):
             ti.loop_config(serialize=serial)
             for i in range(count):
-                k = near_surface[i]
-                a = rows.rows[k]
+                a = rows.rows[near_surface[i]]
                 force = state.position[a] * 0.0
                 kappa = state.position[a][0] * 0.0
-                capillary = kappa
-                at_surface = kappa
-                normal = state.normal[a]
-                if state.mobility[a] == MOBILE and normal.norm_sqr() > 0.5:
-                    T = state.temperature[a]
+                capillary, at_surface = kappa, kappa
+                if state.mobility[a] == MOBILE and state.normal[a].norm_sqr() > 0.5:
                     strength = state.colour_strength[a]
-                    divergence = kappa
-                    weight = state.volume[a] * at_zero
-                    gamma = weight
-                    plain = force
-                    moment = force.outer_product(force)
-                    missing = moment
-                    for j in range(rows.near_count[a]):
-                        b = rows.near[a, j]
-                        v, w, p, m, g = pair(a, b, normal, T)
-                        if ti.static(balanced and marangoni):
-                            missing += missing_of(
-                                state.volume[b], normal, state.position[a] - state.position[b]
-                            )
-                        divergence += v
-                        weight += w
-                        plain += p
-                        moment += m
-                        gamma += g
-                    for j in range(rows.far_count[a]):
-                        v, w, p, m, g = pair(a, rows.far[a, j], normal, T)
-                        divergence += v
-                        weight += w
-                        plain += p
-                        moment += m
-                        gamma += g
+                    divergence, weight, gamma, differences, moment, missing = sums(a)
                     clipped = 0
                     kappa, clipped = curvature(divergence, weight, strength)
                     if clipped:
                         ti.atomic_add(clamps[CURVATURE_CLIPS], 1)
                     if ti.static(physics.surface_tension and not balanced):
                         force = -state.surface_tension[a] * kappa * state.colour_gradient[a]
-                    if ti.static(marangoni):
-                        gradient = plain / gamma
-                        if ti.static(renormalise):
-                            singular = 0
-                            gradient, singular = gradient_of(plain, moment)
-                            if singular:
-                                ti.atomic_add(clamps[SINGULAR_GRADIENTS], 1)
-                        if ti.static(balanced):
-                            stress = tangential(state.surface_tension_slope[a], gradient, normal, 1.0)
-                            force += missing @ stress
-                        else:
-                            force += tangential(state.surface_tension_slope[a], gradient, normal, strength)
+                    if ti.static(physics.marangoni):
+                        force += along(a, gamma, differences, moment, missing)
                     if ti.static(balanced):
                         capillary = -state.surface_tension[a] * kappa
                         at_surface = weight_of(strength)
-                    if ti.static(times_liquid):
+                    if ti.static(numerics.surface_times_liquid):
                         force *= state.liquid_fraction[a]
                         capillary *= state.liquid_fraction[a]
                     if ti.static(physics.recoil):
+                        pushed = recoil(state.material[a], state.temperature[a])
                         if ti.static(balanced):
-                            capillary += recoil(state.material[a], T)
+                            capillary += pushed
                         else:
-                            force += recoil(state.material[a], T) * state.colour_gradient[a]
+                            force += pushed * state.colour_gradient[a]
                 state.curvature[a] = kappa
                 if ti.static(balanced):
                     state.tangential_force[a] = force
@@ -250,3 +177,106 @@ class SurfacePasses:
                     state.surface_force[a] = force
 
         return forces
+
+
+def _both_lists(rows: Neighbours) -> tuple[tuple[Any, Any, bool], ...]:
+    """(lengths, members, whether near) of the near and of the far lists: a loop over these is compiled twice."""
+    return ((rows.near_count, rows.near, True), (rows.far_count, rows.far, False))
+
+
+def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
+    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient) -> None, which stores it."""
+    _, F = disc.surface_kernel.functions()
+    gamma_form = disc.uses_shepard and disc.numerics.colour_gradient == "gamma"
+    cut = disc.numerics.normal_cut / disc.h_surface
+
+    @ti.func
+    def pair(a, b):
+        r = state.position[a] - state.position[b]
+        factor = 2.0 * state.volume[b]
+        if ti.static(gamma_form):  # (20) as printed
+            factor = state.volume[b] * (1.0 / state.shepard[a] + 1.0 / state.shepard[b])
+        return factor * F(r.norm_sqr()) * r
+
+    @ti.func
+    def store(a, gradient):
+        strength = gradient.norm()
+        normal = gradient * 0.0
+        if strength > cut:
+            normal = gradient / strength
+        state.colour_gradient[a] = gradient
+        state.colour_strength[a] = strength
+        state.normal[a] = normal
+
+    return pair, store
+
+
+def _neighbourhood(state: State, rows: Neighbours, disc: Discretisation) -> Any:
+    """The Taichi function a -> its six sums over both lists.
+
+    Divergence of the normals, weight of those that have one, Shepard sum, differences of temperature times grad W,
+    moment matrix; and the missing stress, which has the near list's support.
+    """
+    W, F = disc.surface_kernel.functions()
+    at_zero = float(disc.surface_kernel.value(0.0))
+    printed, lists = disc.numerics.curvature == "printed", _both_lists(rows)
+    form, corrected = disc.numerics.viscosity_form, disc.numerics.viscosity_correction
+    missing_of = missing_stress(
+        disc.flow_kernel.functions()[1], viscous_weight(disc.flow_kernel, form, corrected, disc.dx)
+    )
+    by_missing_stress = state.needs.balanced and disc.physics.marangoni
+
+    @ti.func
+    def sums(a):
+        x, T, normal = state.position[a], state.temperature[a], state.normal[a]
+        divergence = x[0] * 0.0
+        weight = state.volume[a] * at_zero
+        gamma = weight
+        differences = x * 0.0
+        moment = differences.outer_product(differences)
+        missing = moment
+        for length, items, near in ti.static(lists):
+            for j in range(length[a]):
+                b = items[a, j]
+                r = x - state.position[b]
+                r2 = r.norm_sqr()
+                slope = state.volume[b] * F(r2)
+                has = ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
+                counts = has
+                if ti.static(printed):
+                    counts = 1.0
+                divergence += counts * slope * (state.normal[b] - normal).dot(r)
+                weight += has * state.volume[b] * W(r2)
+                gamma += state.volume[b] * W(r2)
+                differences += slope * (state.temperature[b] - T) * r
+                moment -= slope * r.outer_product(r)
+                if ti.static(near and by_missing_stress):
+                    missing += missing_of(state.volume[b], normal, r)
+        return divergence, weight, gamma, differences, moment, missing
+
+    return sums
+
+
+def _marangoni(state: State, disc: Discretisation, ledger: Ledger) -> Any:
+    """The Taichi function (a, four of its sums) -> the Marangoni force [N/m^d]."""
+    renormalise, balanced = disc.numerics.temperature_gradient == "renormalised", state.needs.balanced
+    gradient_of, tangential = renormalised_gradient(disc.dimension), tangential_force()
+    clamps = ledger.clamps
+
+    @ti.func
+    def force(a, gamma, differences, moment, missing):
+        slope, normal = state.surface_tension_slope[a], state.normal[a]
+        gradient = differences / gamma
+        if ti.static(renormalise):
+            singular = 0
+            gradient, singular = gradient_of(differences, moment)
+            if singular:
+                ti.atomic_add(clamps[SINGULAR_GRADIENTS], 1)
+        result = normal * 0.0
+        if ti.static(balanced):
+            result = missing @ tangential(slope, gradient, normal, 1.0)
+        else:
+            result = tangential(slope, gradient, normal, state.colour_strength[a])
+        return result
+
+    return force
