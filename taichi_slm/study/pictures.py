@@ -13,6 +13,7 @@ from taichi_slm.study.plan import Plan, short
 Row = dict[str, Any]
 DPI = 120
 THUMBNAIL = (640, 400)  # pixels, at most
+CAPTION = 28  # pixels
 MOST_PICTURES = 100
 KINDS = ("state", "temperature")  # the frozen track first
 
@@ -121,21 +122,17 @@ def contact_sheet(plan: Plan, folder: StudyFolder) -> bool:
         return False
     from PIL import Image, ImageDraw, ImageFont
 
-    found = found[:MOST_PICTURES]
-    across = math.ceil(math.sqrt(len(found) * 0.7))
-    down = math.ceil(len(found) / across)
-    width, height, caption = *THUMBNAIL, 28
-    sheet = Image.new("RGB", (across * width, down * (height + caption)), "white")
+    tiles = [(run, small) for run, path in found[:MOST_PICTURES] if (small := _thumbnail(path)) is not None]
+    if not tiles:
+        return False
+    across = math.ceil(math.sqrt(len(tiles) * 0.7))
+    down = math.ceil(len(tiles) / across)
+    width, height = (max(getattr(small, side) for _, small in tiles) for side in ("width", "height"))
+    sheet = Image.new("RGB", (across * width, down * (height + CAPTION)), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(16)
-    for place, (run, path) in enumerate(found):
-        left, top = place % across * width, place // across * (height + caption)
-        try:
-            with Image.open(path) as opened:
-                small = opened.convert("RGB")
-        except (OSError, ValueError):  # half a picture of a run that was killed
-            continue
-        small.thumbnail(THUMBNAIL)
-        sheet.paste(small, (left + (width - small.width) // 2, top + caption + (height - small.height) // 2))
+    for place, (run, small) in enumerate(tiles):
+        left, top = place % across * width, place // across * (height + CAPTION)
+        sheet.paste(small, (left, top + CAPTION))
         words = [f"{key} = {short(value)}" for key, value in run.changes.items() if short(value)]
         draw.text(
             (left + 8, top + 6), f"{run.number}: {', '.join(words)}, seed {run.seed}"[:80], "black", font
@@ -144,6 +141,19 @@ def contact_sheet(plan: Plan, folder: StudyFolder) -> bool:
     sheet.save(stream, "PNG")
     write_bytes(folder.contact_sheet, stream.getvalue())
     return True
+
+
+def _thumbnail(path: Path) -> Any:
+    """The picture at ``path``, small; None where it is only half there, its run having been killed."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as picture:
+            small = picture.convert("RGB")
+    except (OSError, ValueError):
+        return None
+    small.thumbnail(THUMBNAIL)
+    return small
 
 
 def _last_picture(folder: StudyFolder, name: str) -> Path | None:
