@@ -101,7 +101,7 @@ def test_skips_change_what_they_may():
     """Skips that leave out what adds nothing, on a short track: to round-off; all off: to what a flow scatters."""
 
     def melt(**switches):
-        config = track(2, duration=8e-6, performance=switches)
+        config = track(2, duration=8e-6, spacing=6e-6, performance=switches)
         sim = Simulation(config, threads=1)
         sim.run()
         arrays = sim.arrays(("id", "position", "temperature", "ever_liquid"))

@@ -102,14 +102,21 @@ def in_its_own_process(
 
 
 def processes_in_turn(
-    jobs: Mapping[str, dict[str, Any]], function: str, rounds: int, yardstick: Yardstick
+    jobs: Mapping[str, dict[str, Any]],
+    function: str,
+    rounds: int,
+    yardstick: Yardstick,
+    once: Sequence[str] = (),
 ) -> dict[str, list[dict[str, Any]]]:
-    """The results of ``function`` for every set of arguments in ``jobs``, one after the other, ``rounds`` times."""
+    """The results of ``function`` for every set of arguments in ``jobs``, one after the other, ``rounds`` times.
+
+    Jobs named in ``once`` run in the first round only, and those that failed fail once.
+    """
     results: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, arguments in jobs.items():
-            if results[name] and "failure" in results[name][0]:
-                continue  # it would fail again
+            if results[name] and (name in once or "failure" in results[name][0]):
+                continue
             results[name].append(in_its_own_process(function, **arguments))
             yardstick.measure()
     return results
