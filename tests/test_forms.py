@@ -8,7 +8,7 @@ import pytest
 
 from taichi_slm.analysis.melt_pool import measure
 from taichi_slm.config.load import load_config
-from taichi_slm.config.schema import Numerics, Performance, Physics
+from taichi_slm.config.numerics import Numerics, Performance, Physics
 from taichi_slm.run.simulation import Simulation
 
 UM = 1e-6

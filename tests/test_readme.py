@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from taichi_slm.cli import app
 from taichi_slm.config.load import load_config
-from taichi_slm.config.schema import Numerics, Performance, Physics
+from taichi_slm.config.numerics import Numerics, Performance, Physics
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

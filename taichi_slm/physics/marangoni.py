@@ -3,7 +3,8 @@
 Equation   grad T_a = L_a Sum_b V_b (T_b - T_a) F r_ab,  L the inverse of Sum_b V_b (-F) r_ab r_ab^T    (26), corrected
            f = (dsigma/dT)(grad T - (grad T . n^) n^) |n|, only where a normal exists             (19),(27)
            balanced: instead of |n| the sum that the viscous operator lacks at the surface (`missing_stress`)
-Printed    `tension: body_force`: |n|. 1/Gamma_a in place of L (`temperature_gradient: gamma`); its T_a and sign are slips and not offered
+Printed    |n| (`tension: body_force`); 1/Gamma_a in place of L (`temperature_gradient: gamma`); its T_a and sign are
+           slips and not offered
 Source     Tong, Browne 2014, Int. J. Heat Mass Transf. 73, 284
 Reads      temperature [K], normal, colour_strength, surface_tension_slope [N/(m K)]     Writes  surface_force
 Skipped    with surface tension; where dsigma/dT is zero for every material
@@ -28,7 +29,7 @@ def tangential_force() -> Any:
 
 
 def missing_stress(slope_of_flow: Any, weight: Any) -> Any:
-    """The Taichi function (V_b, n^, r_ab) -> the matrix whose sum over b turns a surface stress [N/m^(d-1)] into a force.
+    """The Taichi function (V_b, n^, r_ab) -> the matrix whose sum over b makes a force of a surface stress [N/m^(d-1)].
 
     A liquid under the stress tau at its surface has the shear tau/mu below it. The viscous sum of a particle near the
     surface lacks the pairs outside; what they would have given for that shear is the force that the stress exerts:

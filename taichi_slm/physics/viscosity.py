@@ -55,8 +55,8 @@ def pair_viscosity(weight: Any) -> Any:
 def wall_velocity(no_slip: bool) -> Any:
     """The Taichi function (mean velocity of the liquid beside a wall particle, direction away from the liquid) -> u_w.
 
-    What a wall particle shows to the viscous stress alone, so that the liquid's velocity (no slip) or the normal part of
-    it (free slip) is zero at the face of the wall, half a spacing before its particles (Adami, Hu, Adams 2012).
+    What a wall particle shows to the viscous stress alone, so that the liquid's velocity (no slip) or the normal part
+    of it (free slip) is zero at the face of the wall, half a spacing before its particles (Adami, Hu, Adams 2012).
     """
 
     @ti.func

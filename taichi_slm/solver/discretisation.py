@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from taichi_slm.config.schema import Numerics, Physics
+from taichi_slm.config.numerics import Numerics, Physics
 from taichi_slm.sph.kernel import Wendland
 from taichi_slm.sph.lattice import FlatSurface, conduction_moment, flat_surface
 

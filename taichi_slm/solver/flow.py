@@ -45,7 +45,7 @@ class FlowPasses:
         self._walls(self._rows.flow)
 
     def momentum(self, dt: float) -> None:
-        """Write accelerations and shifts; ``dt`` [s]: over which viscous heat is collected, and shear is shifted for."""
+        """Write accelerations and shifts; ``dt`` [s] is the time of the viscous heat and of the shear."""
         self._momentum(self._rows.mobile, dt)
 
     def kick(self, dt: float, dt_before: float, drift: float) -> None:
@@ -186,7 +186,12 @@ class FlowPasses:
         restoring = None
         if packed:
             restoring = continuity_terms.packing(
-                numerics.packing_correction, disc.h, numerics.sound_speed, disc.h_surface, disc.flat, disc.real
+                numerics.packing_correction,
+                disc.h,
+                numerics.sound_speed,
+                disc.h_surface,
+                disc.flat,
+                disc.real,
             )
         at_zero = float(disc.flow_kernel.value(0.0))
         serial, clamps = disc.serial, ledger.clamps

@@ -95,7 +95,7 @@ def _pressure_between(state: State, disc: Discretisation) -> tuple[Any, Any]:
 
 
 def _viscosity_between(state: State, disc: Discretisation) -> Any:
-    """The Taichi function (u_a, b, mu_a, r_ab, r^2) -> viscous stress of the pair [Pa]; walls show their own velocity."""
+    """The Taichi function (u_a, b, mu_a, r_ab, r^2) -> viscous stress [Pa]; walls show a velocity of their own."""
     form, corrected = disc.numerics.viscosity_form, disc.numerics.viscosity_correction
     of_pair = pair_viscosity(viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
     walls_show = state.needs.wall_velocity

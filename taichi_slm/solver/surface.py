@@ -185,7 +185,7 @@ def _both_lists(rows: Neighbours) -> tuple[tuple[Any, Any, bool], ...]:
 
 
 def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
-    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient) -> None, which stores it."""
+    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient), which stores it."""
     _, F = disc.surface_kernel.functions()
     gamma_form = disc.uses_shepard and disc.numerics.colour_gradient == "gamma"
     cut = disc.numerics.normal_cut / disc.h_surface

@@ -41,7 +41,7 @@ def viscous_moments(kernel: Wendland, softening: float, dx: float) -> tuple[floa
 
 
 def viscous_moment(kernel: Wendland, softening: float, dx: float) -> float:
-    """The mean of :func:`viscous_moments` over all directions: (along + across)/2 in 2-D, (3 along + 2 across)/5 in 3-D."""
+    """The mean of both over all directions: (along + across)/2 in 2-D, (3 along + 2 across)/5 in 3-D."""
     along, across = viscous_moments(kernel, softening, dx)
     return (along + across) / 2.0 if kernel.dimension == 2 else (3.0 * along + 2.0 * across) / 5.0
 
@@ -52,18 +52,19 @@ def isotropic_softening(kernel: Wendland, dx: float) -> float:
     6.45 h^2 in 2-D and 4.0 h^2 in 3-D at h/dx 1.2. The weight 1/(r^2 + softening) is then almost constant over the
     support: near pairs, of which a lattice has few directions, count less.
     """
-    choices = np.geomspace(0.01, 1e3, 200) * kernel.h**2
+    unit = Wendland(kernel.dimension, kernel.h / dx)  # lengths in dx: the root's tolerance is an absolute one
+    choices = np.geomspace(0.01, 1e3, 200) * unit.h**2
 
     def difference(softening: float) -> float:
-        along, across = viscous_moments(kernel, softening, dx)
+        along, across = viscous_moments(unit, softening, 1.0)
         return along / across - 1.0
 
     found = np.array([difference(c) for c in choices])
     (crossings,) = np.nonzero(np.diff(np.sign(found)))
     if not len(crossings):
-        return float(choices[np.argmin(np.abs(found))])
+        return float(choices[np.argmin(np.abs(found))]) * dx**2
     first = crossings[0]
-    return float(brentq(difference, choices[first], choices[first + 1]))
+    return float(brentq(difference, choices[first], choices[first + 1])) * dx**2
 
 
 def shepard_sum(kernel: Wendland, dx: float) -> float:
