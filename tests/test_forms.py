@@ -259,7 +259,7 @@ def test_nothing_skipped_is_the_same_track(track, reference):
     assert found["row"]["hot"] == 584  # every particle has a row
     assert kelvin < 150.0
     assert moved < 1.0
-    assert size < 0.1
+    assert size < 0.2  # the pool is five particles deep: one of them
     assert heat < 1e-5
 
 

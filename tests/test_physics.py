@@ -16,7 +16,7 @@ from taichi_slm.physics.material import MaterialTables
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.solver.timestep import StepLimits
 from taichi_slm.sph.kernel import Wendland
-from taichi_slm.sph.lattice import conduction_moment, shepard_sum
+from taichi_slm.sph.lattice import shepard_sum
 from taichi_slm.state import MOBILE, STILL
 
 # --------------------------------------------------------------------------- properties on the device
@@ -185,33 +185,33 @@ def test_viscous_heat_is_the_work_of_viscosity(operators):
 
 
 def test_divergence_and_shepard_sum(operators):
-    """u = (3 x, -y): drho/dt = -rho div u times the lattice moment, which (11) does not divide by."""
-    moment = conduction_moment(_kernel(operators["dx"]), operators["dx"])
-    exact = -operators["rho"] * 2.0 / operators["dx"] * moment
+    """u = (3 x, -y): drho/dt = -rho div u, to round-off thanks to the lattice moment."""
+    exact = -operators["rho"] * 2.0 / operators["dx"]
     assert operators["rate"][operators["inside"]] == pytest.approx(exact, rel=1e-10)
     ideal = shepard_sum(_kernel(operators["dx"]), operators["dx"])
     assert operators["shepard"][operators["inside"]] == pytest.approx(ideal, rel=1e-12)
 
 
 def test_pressure_and_its_gradient(operators):
-    """p = c0^2 (rho - rho0), and -grad p/rho of a linear pressure, times the same moment."""
+    """p = c0^2 (rho - rho0), and -grad p/rho of a linear pressure, thanks to the same moment."""
     inside, x, y = operators["inside"], operators["x"], operators["y"]
     p = operators["sound"] ** 2 * operators["rho"] * 1e-4 * (2 * x + y)
     assert operators["pressure"] == pytest.approx(
         p, abs=1e-9 * np.abs(p).max()
     )  # rho - rho0 cancels four digits
     slope = operators["sound"] ** 2 * 1e-4 / operators["dx"]
-    moment = conduction_moment(_kernel(operators["dx"]), operators["dx"])
     # volumes are m/rho here, so the lattice's own sums are off by the 0.6 % that the density varies by
     assert operators["push"][inside] == pytest.approx(
-        -moment * slope * np.array([[2.0, 1.0]]).repeat(inside.sum(), 0), rel=0.02
+        -slope * np.array([[2.0, 1.0]]).repeat(inside.sum(), 0), rel=0.02
     )
 
 
 def test_conduction_of_a_parabola(operators):
     """T = x^2/10: rho c dT/dt = k/5 per dx^2, to what is left of 1e-6 K in 1000 K after a subtraction."""
     exact = 20.0 / (operators["rho"] * 700) * 0.2 / operators["dx"] ** 2
-    assert operators["warming"][operators["inside"]] == pytest.approx(exact, rel=1e-5)
+    # the moments of a pair are the two partners' own: theirs must be whole, too
+    deep = np.maximum(np.abs(operators["x"]), np.abs(operators["y"])) < 15 - 6
+    assert operators["warming"][deep] == pytest.approx(exact, rel=1e-5)
 
 
 def test_colour_gradient_across_a_flat_surface(operators):

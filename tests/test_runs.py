@@ -175,9 +175,16 @@ def test_what_is_off_is_not_allocated(track):
         "curvature",
         "surface_force",
         "surface_tension",
+        "tangential_force",
+        "capillary",
+        "at_surface",
+        "background",
+        "background_mean",
+        "shift",
     }
     assert names - conduction == flow_alone | surface_alone | {
         "wall_force",
+        "wall_velocity",
         "viscous_work",
         "surface_tension_slope",
         "surface_area",

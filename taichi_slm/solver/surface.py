@@ -181,7 +181,10 @@ class SurfacePasses:
 
 def _both_lists(rows: Neighbours) -> tuple[tuple[Any, Any, bool], ...]:
     """(lengths, members, whether near) of the near and of the far lists: a loop over these is compiled twice."""
-    return ((rows.near_count, rows.near, True), (rows.far_count, rows.far, False))
+    near = (rows.near_count, rows.near, True)
+    return (
+        (near, (rows.far_count, rows.far, False)) if rows.far_capacity else (near,)
+    )  # no far ones without flow
 
 
 def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
