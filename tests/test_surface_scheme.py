@@ -1,0 +1,170 @@
+"""What the surface scheme, the walls and the shifting must leave alone, on particles out of order and on lattices."""
+
+import numpy as np
+import pytest
+
+from taichi_slm import backend
+from taichi_slm.backend import ti
+from taichi_slm.physics.shifting import shear_rate_of
+from taichi_slm.run.simulation import Simulation
+from taichi_slm.verification.scenes import FLOW_ONLY
+
+UM = 1e-6
+DX, N, MU, RHO = 1e-5, 24, 0.02, 7000.0
+SLOPE = -3e-4  # of the surface tension [N/(m K)]
+
+
+@pytest.fixture
+def square(configure, liquid):
+    """A free square of liquid, N x N; with walls below it, three particles deep and as wide, if asked for."""
+
+    def build(walls=False, **keys):
+        law = {"line": {"value": 1.6, "slope": SLOPE, "at": 2000}}
+        metal = liquid(density=RHO, viscosity=MU, surface_tension=law)
+        bodies = [{"shape": "box", "corner": [0, 0], "size": [N * DX, N * DX], "material": "metal"}]
+        if walls:
+            bodies.append(
+                {
+                    "shape": "box",
+                    "corner": [0, -3 * DX],
+                    "size": [N * DX, 3 * DX],
+                    "material": "metal",
+                    "wall": True,
+                }
+            )
+        config = configure(spacing=DX, materials={"metal": metal}, ambient_temperature=2000, bodies=bodies,
+                           **{"physics": FLOW_ONLY, **keys})  # fmt: skip
+        sim = Simulation(config)
+        sim.compile()
+        return sim
+
+    return build
+
+
+def disorder(sim, seed=4):
+    """Every particle up to a quarter of a spacing off its place; the lists follow."""
+    x = sim.position
+    sim.state.load(position=x + np.random.default_rng(seed).uniform(-0.25, 0.25, x.shape) * DX)
+    sim.activity.build()
+    return sim.position
+
+
+# --------------------------------------------------------------------------- tension
+
+
+@pytest.mark.parametrize("form", ["balanced", "body_force"])
+def test_a_pressure_equal_to_the_capillary_one_does_nothing(square, form):
+    """However the particles lie; with (25) as a body force the same pressure pushes them about."""
+    sim = square(physics={**FLOW_ONLY, "surface_tension": True}, numerics={"tension": form})
+    pressure = 5e4
+    disorder(sim)
+    sim.state.load(pressure=np.full(N * N, pressure), velocity=np.zeros((N * N, 2)))
+    if form == "balanced":
+        sim.state.load(background=np.full(N * N, pressure), tangential_force=np.zeros((N * N, 2)))
+    else:
+        sim.state.load(surface_force=np.zeros((N * N, 2)))
+    sim.flow_step.flow.momentum(1e-9)
+    share = np.abs(sim.state.array("acceleration")).max() * RHO * DX / pressure  # p over one spacing
+    if form == "balanced":
+        assert share < 1e-12
+    else:
+        assert share > 0.1
+
+
+def test_the_traction_is_what_the_viscous_sum_lacks(square, impose):
+    """Linear shear below a flat top whose Marangoni stress is mu du/dy: no force in either direction, to round-off."""
+    sim = square(physics={**FLOW_ONLY, "surface_tension": True, "marangoni": True})
+    x, y = sim.position.T
+    shear = 50.0  # [1/s]
+    impose(sim, 2000 + MU * shear / SLOPE * (x - x.mean()))
+    sim.state.load(velocity=np.stack([shear * y, np.zeros_like(y)], axis=1))
+    sim.surface.step()
+    zero = np.zeros(N * N)
+    sim.state.load(background=zero, pressure=zero)
+    sim.flow_step.flow.momentum(0.0)
+    middle = (np.abs(x - x.mean()) < 6 * DX) & (y > y.mean())
+    top = middle & (y > y.max() - 1.5 * DX)  # two layers lack neighbours
+    traction = sim.state.array("tangential_force") / RHO
+    assert np.abs(traction[top, 0]).min() > 0.01 * MU * shear / DX / RHO
+    assert (traction[top, 0] > 0).all()
+    assert np.abs(sim.state.array("acceleration")[middle]).max() < 1e-9 * traction[top, 0].max()
+    # per length of the surface it is the stress itself, within what a sum over two layers is of an integral
+    through = traction[middle, 0].sum() * RHO * DX**2 / np.ptp(x[middle] + 0.0)
+    columns = np.unique(np.round(x[middle] / DX, 3)).size
+    total = traction[middle, 0].sum() * RHO * DX / columns
+    assert through > 0
+    assert total == pytest.approx(MU * shear, rel=0.01)
+
+
+# --------------------------------------------------------------------------- shifting
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_only_shear_counts_as_shear(dimension):
+    """sqrt(2 D : D) of the deviatoric strain rate: none of a rotation or an expansion, the rate of a plane shear."""
+    backend.start(threads=1)
+    rate = shear_rate_of(dimension)
+    given = ti.Matrix.field(dimension, dimension, ti.f64, shape=4)
+    found = ti.field(ti.f64, shape=4)
+    spin, shear = np.zeros((dimension, dimension)), np.zeros((dimension, dimension))
+    spin[0, 1], spin[1, 0], shear[0, 1] = 3.0, -3.0, 3.0
+    given.from_numpy(np.array([spin, 3.0 * np.eye(dimension), shear, shear + spin + np.eye(dimension)]))
+
+    @ti.kernel
+    def evaluate():
+        for i in given:
+            found[i] = rate(given[i])
+
+    evaluate()
+    assert found.to_numpy() == pytest.approx([0.0, 0.0, 3.0, 3.0], abs=1e-7)
+
+
+def shift_of(sim, velocity):
+    sim.state.load(velocity=velocity)
+    sim.flow_step.flow.momentum(1e-9)
+    return sim.state.array("shift")
+
+
+def test_particles_are_shifted_by_shear_alone(square):
+    """Not by a translation, whatever their order; a moving frame and a rotation of the velocities do not matter."""
+    sim = square(numerics={"shifting": 200.0})
+    x, y = disorder(sim).T
+    inside = np.maximum(np.abs(x - x.mean()), np.abs(y - y.mean())) < (N / 2 - 4) * DX
+    rest = np.zeros((N * N, 2))
+    assert (shift_of(sim, rest) == 0.0).all()
+    frame = rest + [7.0, -3.0]
+    assert (shift_of(sim, frame) == 0.0).all()
+    shear = np.stack([1e4 * y, 0 * y], axis=1)
+    sheared = shift_of(sim, shear)
+    assert np.abs(sheared[inside]).max() > 1e-5 * DX
+    assert shift_of(sim, shear + frame) == pytest.approx(sheared, abs=1e-9 * np.abs(sheared).max())
+    assert np.abs(sheared).max() < DX  # bounded, whatever the shear
+    assert shift_of(sim, 1e6 * shear) == pytest.approx(shift_of(sim, 1e8 * shear), abs=1e-12 * DX)
+
+
+# --------------------------------------------------------------------------- walls
+
+
+@pytest.mark.parametrize(("walls", "plane"), [("no_slip", 0.0), ("no_slip_centres", 0.5)])
+def test_the_liquid_stands_still_at_the_face_of_a_wall(square, walls, plane):
+    """The drag of a linear profile is that of a wall at the face; with wall particles at rest, of one further back."""
+    sim = square(walls=True, numerics={"walls": walls, "packing_correction": 0})
+    liquid_ones = ~sim.scene.wall
+    x, y = sim.position.T
+    shear = 50.0
+    sim.state.load(velocity=np.where(liquid_ones, shear * y, 0.0)[:, None] * [1.0, 0.0])
+    sim.flow_step.flow.walls()
+    zero = np.zeros(len(x))
+    sim.state.load(pressure=zero)
+    sim.flow_step.flow.momentum(0.0)
+    middle = liquid_ones & (np.abs(x - x.mean()) < 6 * DX)
+    columns = np.unique(np.round(x[middle] / DX, 3)).size
+    drag = -sim.state.array("wall_force")[middle, 0].sum() / (columns * DX)
+    print(walls, drag / (MU * shear), plane)
+    lowest = middle & (y < 8 * DX)
+    print(sim.state.array("acceleration")[lowest, 0].reshape(-1)[:10] * RHO * DX / (MU * shear))
+    print(
+        np.unique(np.round(sim.state.array("wall_velocity")[~liquid_ones, 0] / shear / DX, 3))
+        if walls == "no_slip"
+        else ""
+    )
