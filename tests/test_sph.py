@@ -125,8 +125,8 @@ def test_depths_below_a_flat_surface_of_the_method_page():
     # half a unit of the printed digit, and the table's own interpolation
     assert flat.depth[::32] / surface.h == pytest.approx(printed, abs=1e-3)
     assert (np.diff(flat.depth) <= 0).all()
-    # far inside all neighbours are there; the sum of a lattice's outermost layer, which sees 0.896 of the largest |grad c|,
-    # is 0.823 (the integral over a half space would say 0.768, and a lattice would count as too dense)
+    # far inside all neighbours are there; the sum of a lattice's outermost layer, which sees 0.896 of the largest
+    # |grad c|, is 0.823 (the integral over a half space would say 0.768, and a lattice would count as too dense)
     assert np.interp(0.8963, np.linspace(0, 1, 257), flat.shepard) == pytest.approx(0.823, abs=2e-3)
     assert (np.diff(flat.shepard) <= 0).all()
     assert flat.shepard[0] == pytest.approx(shepard_sum(Wendland(2, 1.2), 1.0))
