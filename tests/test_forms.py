@@ -191,11 +191,14 @@ time: {end: 0.4 us}
 # --------------------------------------------------------------------------- the same answer
 
 
+END = 16e-6  # steps of another length move the pool by less than 0.1 dx until then, by 0.16 at 20 us: it is chaotic
+
+
 @pytest.fixture(scope="module")
 def reference(track):
-    """The tiny track after 20 us: some twenty particles are molten, none is lost."""
-    found = run(track(time={"end": 20e-6}))
-    check_sound(found, 20e-6)
+    """The tiny track: some twenty particles are molten, none is lost."""
+    found = run(track(time={"end": END}))
+    check_sound(found, END)
     assert found["row"]["removed"] == 0
     assert found["pool"].particles >= 8
     return found
@@ -204,7 +207,7 @@ def reference(track):
 @pytest.mark.parametrize("repeat", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_same_bits_whatever_the_threads(track, reference, repeat):
     """Gathered sums and reductions in one order: serial loops, two threads, and two threads once more."""
-    found = run(track(time={"end": 20e-6}, performance={"serial_below": 0}), threads=2)
+    found = run(track(time={"end": END}, performance={"serial_below": 0}), threads=2)
     for name in ("temperature", "position", "velocity"):
         assert np.array_equal(found[name], reference[name]), name
     assert found["row"] == reference["row"]
@@ -225,7 +228,7 @@ def differences(found, reference):
 
 
 def test_single_precision_has_the_same_melt_pool(track, reference):
-    found = run(track(time={"end": 20e-6}), precision="f32")
+    found = run(track(time={"end": END}), precision="f32")
     kelvin, moved, size, heat = differences(found, reference)
     # 180 steps of 6e-8 in temperatures of 3,000 K and places of 200 um, which the flow makes a hundred times larger
     assert kelvin < 1.0
@@ -235,7 +238,7 @@ def test_single_precision_has_the_same_melt_pool(track, reference):
 
 
 SWITCHES = [name for name in others(Performance) if name != "stop_finished"]
-# [K], [dx], [dx], [-] after 20 us, and why they may differ at all
+# [K], [dx], [dx], [-] at the end, and why they may differ at all
 TOLERANCES = {
     "skip_solid": (0.01, 1e-4, 1e-4, 1e-9),  # round-off: other rows, the same sums
     "skip_cold": (0.01, 1e-4, 1e-4, 1e-6),  # 1e-3 K at the rim of the hot set
@@ -254,18 +257,18 @@ TOLERANCES = {
 
 def test_nothing_skipped_is_the_same_track(track, reference):
     """All switches off at once, within what the last two of them may do."""
-    found = run(track(time={"end": 20e-6}, performance=dict.fromkeys(SWITCHES, False)))
+    found = run(track(time={"end": END}, performance=dict.fromkeys(SWITCHES, False)))
     kelvin, moved, size, heat = differences(found, reference)
     assert found["row"]["hot"] == 584  # every particle has a row
     assert kelvin < 150.0
     assert moved < 1.0
-    assert size < 0.2  # the pool is five particles deep: one of them
+    assert size < 0.1
     assert heat < 1e-5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_one_skip_less_is_the_same_track(track, reference, switch):
-    found = run(track(time={"end": 20e-6}, performance={switch: False}))
+    found = run(track(time={"end": END}, performance={switch: False}))
     got = differences(found, reference)
     assert all(value <= limit for value, limit in zip(got, TOLERANCES[switch], strict=True)), got

@@ -17,8 +17,9 @@ UM = 1e-6
 # --------------------------------------------------------------------------- surface forces
 
 
+@pytest.mark.parametrize("tension", ["balanced", "body_force"])
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
+def test_surface_forces_of_a_drop(configure, liquid, impose, dimension, tension):
     """Tension inward by sigma kappa, Marangoni along the surface from hot to cold where d sigma/dT < 0."""
     radius, slope, gradient = 60 * UM, -3e-4, np.array([2e6, 1e6, 0.5e6])[:dimension]
     dx = {2: 3 * UM, 3: 6 * UM}[dimension]
@@ -28,7 +29,7 @@ def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
         ambient_temperature=2000,
         bodies=[{"shape": "droplet", "centre": [0.0] * dimension, "radius": radius, "material": "metal",
                  "arrangement": "rings" if dimension == 2 else "lattice", "temperature": 2000}],
-        physics={**FLOW_ONLY, "surface_tension": True, "marangoni": True},
+        physics={**FLOW_ONLY, "surface_tension": True, "marangoni": True}, numerics={"tension": tension},
     )  # fmt: skip
     sim = Simulation(config)
     sim.compile()
@@ -37,7 +38,13 @@ def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
     impose(sim, T)
     sim.surface.step()
     normal, strength, kappa, force = (
-        sim.state.array(name) for name in ("normal", "colour_strength", "curvature", "surface_force")
+        sim.state.array(name)
+        for name in (
+            "normal",
+            "colour_strength",
+            "curvature",
+            "tangential_force" if tension == "balanced" else "surface_force",
+        )
     )
     has = np.linalg.norm(normal, axis=1) > 0.5
     outward = x / np.linalg.norm(x, axis=1, keepdims=True).clip(1e-12)
@@ -53,10 +60,19 @@ def test_surface_forces_of_a_drop(configure, liquid, impose, dimension):
     assert mean == pytest.approx(1.0, abs=0.01 if dimension == 2 else 0.06)
     if dimension == 2:  # at every depth: without the correction the second layer of rings would have 1.08
         assert scaled == pytest.approx(1.0, abs=0.05)
-    # the force is sigma kappa n along the normal ...
-    along = np.einsum("ij,ij->i", force, normal)
     sigma = 1.6 + slope * (T - 2000)
     # (sigma and its slope are linear in T, so the tables hold them to round-off)
+    if tension == "balanced":
+        assert sim.state.array("capillary")[has] == pytest.approx((-sigma * kappa)[has], rel=1e-9)
+        volume = sim.state.array("volume")[:, None]
+        # the integral of the stress (dsigma/dT)(grad T - (grad T . n) n) over the surface
+        whole = slope * gradient * {2: np.pi * radius, 3: 8 / 3 * np.pi * radius**2}[dimension]
+        # 1.04 on rings of R/dx 20, where the outermost lack more pairs than on a lattice, 0.996 in 3-D
+        total = np.sum(volume * force, axis=0)
+        assert total == pytest.approx(whole, rel=0.05 if dimension == 2 else 0.01)
+        return
+    # the force is sigma kappa n along the normal ...
+    along = np.einsum("ij,ij->i", force, normal)
     assert along[has] == pytest.approx(
         (-sigma * kappa * strength)[has], rel=1e-9, abs=1e-9 * np.abs(along).max()
     )
@@ -130,7 +146,7 @@ STEEL_DROP = {
 
 
 def test_laplace_jump_of_a_drop_at_rest(configure, liquid):
-    """p = sigma/R in 2-D. METHOD: 1.05 to 1.07 of it with these forms at R/dx 20; a later issue tightens this limit."""
+    """p = sigma/R in 2-D, at R/dx 20 from a lattice: 0.996 of it."""
     config = configure(
         spacing=2.5 * UM, materials={"steel": liquid(**{**STEEL, "viscosity": 0.05})}, bodies=[STEEL_DROP],
         physics={**FLOW_ONLY, "surface_tension": True}, numerics={"sound_speed": 50}, time={"end": 40e-6},
@@ -142,22 +158,23 @@ def test_laplace_jump_of_a_drop_at_rest(configure, liquid):
         sim.advance(t)
         pressures.append(sim.state.array("pressure")[inside].mean())
     ratio = np.mean(pressures) * 50 * UM / 1.8
-    assert ratio == pytest.approx(1.0, abs=0.10)
+    assert ratio == pytest.approx(1.0, abs=0.02)
     row = sim.diagnostics()
     assert row["momentum_error"] < 1e-10
     assert row["removed"] == 0
 
 
 def test_period_of_an_oscillating_drop(configure, liquid):
-    """omega^2 = 6 sigma/(rho R^3) in 2-D; METHOD: +1.3 % at R/dx 10 with the depth correction."""
+    """omega^2 = 6 sigma/(rho R^3) in 2-D, at R/dx 20; it starts round, with the velocity of the mode."""
     radius = 50 * UM
     omega = math.sqrt(6 * 1.8 / (7000 * radius**3))
     config = configure(
-        spacing=5 * UM, materials={"steel": liquid(**STEEL)}, bodies=[{**STEEL_DROP, "stretch": 0.08}],
+        spacing=2.5 * UM, materials={"steel": liquid(**STEEL)}, bodies=[STEEL_DROP],
         physics={**FLOW_ONLY, "surface_tension": True}, numerics={"sound_speed": 50},
         time={"end": 1.6 * 2 * np.pi / omega},
     )  # fmt: skip
     sim = Simulation(config)
+    sim.state.load(velocity=0.05 * omega * sim.position * [1, -1])
     times = np.linspace(0.0, config.time.end, 161)
     shape = []
     for t in times[1:]:
@@ -169,10 +186,10 @@ def test_period_of_an_oscillating_drop(configure, liquid):
         if shape[k - 1] * shape[k] < 0:
             part = shape[k - 1] / (shape[k - 1] - shape[k])
             crossings.append(times[k] + part * (times[k + 1] - times[k]))
-    # the crossings are half a period apart; the first swing is that of a lattice that relaxes
+    # the crossings are half a period apart
     period = 2 * (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     assert len(crossings) == 3
-    assert period * omega / (2 * np.pi) == pytest.approx(1.0, abs=0.04)
+    assert period * omega / (2 * np.pi) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_droplet_follows_its_reference_density():
