@@ -148,7 +148,7 @@ def look(sim, centre, incident):
     sim.activity.beam_at(centre)
     sim.activity.neighbours()
     sim.bins.absorb(centre, incident)
-    rows = sim.rows.rows.to_numpy()[: sim.rows.total]
+    rows = sim.rows.hot_rows.to_numpy()[: sim.rows.hot]
     power = np.zeros(sim.scene.count)
     power[rows] = sim.state.array("laser")[rows]
     return power

@@ -20,7 +20,7 @@ from taichi_slm.sph.lattice import (
     viscous_moment,
     viscous_moments,
 )
-from taichi_slm.state import MOBILE, STILL
+from taichi_slm.state import MOBILE, REMOVED, STILL
 
 UM = 1e-6
 STEEL_BOX = {"shape": "box", "corner": [0, 0], "size": [60 * UM, 60 * UM]}
@@ -166,12 +166,19 @@ def listed(rows, particles, name="near"):
     return found
 
 
+def active(rows):
+    """Every particle that has a list: the flow rows, then the hot ones that are not among them."""
+    flow, hot = rows.rows.to_numpy()[: rows.flow], rows.hot_rows.to_numpy()[: rows.hot]
+    assert len(set(hot.tolist())) == rows.hot
+    return np.concatenate([flow, hot[~np.isin(hot, flow)]])
+
+
 def check_lists(sim, near, far):
     """Rows are groups of distinct particles; their lists are those of a brute-force search at this instant."""
     rows, x = sim.rows, sim.position
     mobility = sim.state.array("mobility")
-    order = rows.rows.to_numpy()[: rows.total]
-    assert len(set(order.tolist())) == rows.total
+    order = active(rows)
+    assert len(set(order.tolist())) == len(order)
     assert set(order[: rows.mobile].tolist()) == set(np.flatnonzero(mobility == MOBILE).tolist())
     assert (mobility[order[rows.mobile :]] == STILL).all()
     tree = cKDTree(x)
@@ -203,11 +210,12 @@ def test_lists_of_a_random_droplet(configure, dimension):
     rng = np.random.default_rng(3)
     scattered = sim.position + rng.uniform(-1.5, 1.5, sim.position.shape) * UM
     sim.state.load(position=scattered)
+    sim.activity.forget()
     sim.activity.build()
     order = check_lists(sim, *radii(sim))
     assert len(order) == sim.scene.count == sim.rows.mobile
     again = [sim.rows.rows.to_numpy(), sim.rows.near.to_numpy()]
-    sim.rows.forget()
+    sim.activity.forget()
     sim.activity.build()  # the same positions give the same lists in the same order
     assert np.array_equal(again[0], sim.rows.rows.to_numpy())
     assert np.array_equal(again[1], sim.rows.near.to_numpy())
@@ -250,7 +258,7 @@ def test_rows_of_a_half_molten_block(half_molten):
     warm = np.abs(sim.temperature - 293.0) > 1e-3
     touched = cKDTree(x[warm]).query(x)[0] < sim.disc.flow_kernel.support
     assert set(np.flatnonzero(touched).tolist()) <= set(order.tolist())
-    assert rows.total < sim.scene.count  # and the far end is left out
+    assert len(order) < sim.scene.count  # and the far end is left out
 
     # after steps of flow and heat: nobody within the support is missing from a list, no warm one from the rows
     before = sim.activity.builds
@@ -258,7 +266,7 @@ def test_rows_of_a_half_molten_block(half_molten):
         sim.step()
     assert sim.activity.builds > before
     x = sim.position
-    order = rows.rows.to_numpy()[: rows.total]
+    order = active(rows)
     warm = np.abs(sim.temperature - 293.0) > 1e-3
     assert warm.sum() > len(molten)
     assert set(np.flatnonzero(warm).tolist()) <= set(order.tolist())
@@ -272,7 +280,47 @@ def test_rows_of_a_half_molten_block(half_molten):
     assert displaced[mobile].max() < 0.6 * half_molten.performance.skin * half_molten.spacing
 
 
+def test_lists_that_follow_are_those_chosen_anew(half_molten):
+    """A jet that crosses cells, particles that melt, freeze and are removed: no list knows how it was made."""
+    sim = Simulation(half_molten)
+    sim.compile()
+    rng = np.random.default_rng(1)
+    anew = 0
+    for _ in range(12):
+        position, temperature = sim.position, sim.temperature
+        mobile = sim.state.array("mobility") == MOBILE
+        position[mobile] += rng.normal(0.0, 2 * UM, (mobile.sum(), 2))
+        gone = int(rng.choice(np.flatnonzero(mobile)))
+        mobility = sim.state.array("mobility")
+        mobility[gone] = REMOVED
+        frozen = rng.choice(np.flatnonzero(mobile), 3)
+        mobility[frozen[frozen != gone]] = STILL
+        sim.state.load(position=position, temperature=temperature, mobility=mobility)
+        before = sim.activity.choices
+        sim.activity.build()
+        anew += sim.activity.choices - before
+        followed = [sim.rows.rows.to_numpy()[: sim.rows.flow], sim.rows.near_count.to_numpy(),
+                    sim.rows.near.to_numpy(), sim.rows.far_count.to_numpy(), sim.rows.far.to_numpy()]  # fmt: skip
+        sim.activity.forget()
+        sim.activity.build()
+        mine, theirs = followed[0], sim.rows.rows.to_numpy()[: sim.rows.flow]
+        assert set(mine.tolist()) == set(theirs.tolist())
+        names = ("near_count", "near", "far_count", "far")
+        lists = dict(zip(names, followed[1:], strict=True))
+        for name in ("near", "far"):
+            count, now = getattr(sim.rows, f"{name}_count").to_numpy(), getattr(sim.rows, name).to_numpy()
+            assert np.array_equal(count[mine], lists[f"{name}_count"][mine])
+            assert all(np.array_equal(now[a, : count[a]], lists[name][a, : count[a]]) for a in mine)
+    assert anew < 12  # and most of them did follow
+
+
 # --------------------------------------------------------------------------- what must be an error
+
+
+def choose(sim):
+    """Lists for particles that were put elsewhere by hand, the still ones too."""
+    sim.activity.forget()
+    sim.activity.build()
 
 
 def crowd(sim, count, place, spread):
@@ -292,20 +340,20 @@ def test_crowds_and_lost_particles_are_errors_and_nothing_is_cut_off(half_molten
 
     crowd(sim, cells.capacity + 1, corner + 0.5 * cells.size, 0.1 * UM)
     with pytest.raises(BlowUpError, match=r"cell is full.*\(particle \d+ at .* um, .* um\)"):
-        sim.activity.build()
+        choose(sim)
 
     # a crowd around a corner fills four cells by a part each, and the lists of all of its members
     sim.state.load(position=start)
     crowd(sim, rows.near_capacity + 2, corner, 0.3 * UM)
     with pytest.raises(BlowUpError, match=r"neighbour list is full.*\(particle \d+ at"):
-        sim.activity.build()
+        choose(sim)
 
     # one less than an overflow, with nobody around: no error, and nobody is missing
     sim.state.load(position=start)
     count = rows.near_capacity + 1  # each of them has `near_capacity` neighbours in the crowd
     steps = np.floor((sim.scene.upper - 3 * sim.config.spacing - origin) / cells.size)
     crowd(sim, count, origin + steps * cells.size, 0.3 * UM)
-    sim.activity.build()
+    choose(sim)
     assert rows.near_count.to_numpy()[:count].tolist() == [rows.near_capacity] * count
     check_lists(sim, *radii(sim))
 
@@ -314,7 +362,7 @@ def test_crowds_and_lost_particles_are_errors_and_nothing_is_cut_off(half_molten
     molten = sim.state.array("mobility") == MOBILE
     x[molten] = x[molten].mean(axis=0) + (x[molten] - x[molten].mean(axis=0)) / math.sqrt(1.45)
     sim.state.load(position=x)
-    sim.activity.build()
+    choose(sim)
     check_lists(sim, *radii(sim))
 
     for lost, place in (([np.nan, np.nan], "nan um, nan um"), ([np.inf, 0.0], "inf um, 0.00 um")):
@@ -322,7 +370,7 @@ def test_crowds_and_lost_particles_are_errors_and_nothing_is_cut_off(half_molten
         x[17] = lost
         sim.state.load(position=x)
         with pytest.raises(BlowUpError, match=rf"no finite place \(particle 17 at {place}\)"):
-            sim.activity.build()
+            choose(sim)
     sim.state.load(position=start)
-    sim.activity.build()  # and it was only that
+    choose(sim)  # and it was only that
     check_lists(sim, *radii(sim))

@@ -10,7 +10,13 @@ from typing import Any
 from taichi_slm.backend import ti
 from taichi_slm.run.simulation import Simulation
 
-_COUNTS_ROWS = ("mobile", "flow", "total", "count")  # first arguments that say over how many rows a pass runs
+_COUNTS_ROWS = (
+    "mobile",
+    "flow",
+    "hot",
+    "count",
+    "number",
+)  # first arguments that say over how many rows a pass runs
 
 
 @dataclass

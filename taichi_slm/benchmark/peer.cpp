@@ -21,9 +21,9 @@ struct Scene {  // the order is that of peer.py
     real normal_cut;                  // [1/m]
     real table_scale;                 // |grad c| [1/m] -> place in the table of a flat surface
     // sizes
-    int mobile, total, near_surface_count, near_capacity, far_capacity, intervals;
+    int mobile, hot, near_surface_count, near_capacity, far_capacity, intervals;
     // lists
-    const int *rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
+    const int *rows, *hot_rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
     // fields, SI; vectors are x, y, x, y ...
     const real *position, *velocity, *density, *reference_density, *volume, *pressure, *viscosity;
     const real *background, *tangential_force, *normal, *colour_strength, *kirchhoff, *conduction_factor;
@@ -166,8 +166,8 @@ extern "C" void colour(const Scene *scene) {
 extern "C" void conduction(const Scene *scene) {
     const Scene &s = *scene;
     const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h);
-    for (int k = 0; k < s.total; k++) {
-        const int a = s.rows[k];
+    for (int k = 0; k < s.hot; k++) {
+        const int a = s.hot_rows[k];
         const real x = s.position[2 * a], y = s.position[2 * a + 1];
         const real phi = s.kirchhoff[a], factor = s.conduction_factor[a];
         real conducted = 0;

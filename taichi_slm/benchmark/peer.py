@@ -31,8 +31,8 @@ _CONSTANTS = (
     "h", "alpha", "h_surface", "alpha_surface", "moment", "softening", "viscous_scale", "gravity", "sound_speed",
     "delta", "packing", "shifting", "dt", "normal_cut", "table_scale",
 )  # fmt: skip
-_SIZES = ("mobile", "total", "near_surface_count", "near_capacity", "far_capacity", "intervals")
-_LISTS = ("rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
+_SIZES = ("mobile", "hot", "near_surface_count", "near_capacity", "far_capacity", "intervals")
+_LISTS = ("rows", "hot_rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
 _FIELDS = (
     "position", "velocity", "density", "reference_density", "volume", "pressure", "viscosity", "background",
     "tangential_force", "normal", "colour_strength", "kirchhoff", "conduction_factor", "flat_shepard",
@@ -97,12 +97,12 @@ def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
     exported.check_forms()
     flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
     launches: dict[str, Callable[[float], None]] = {
-        "momentum": lambda step: flow._momentum(rows.mobile, step),
-        "continuity": lambda _: flow._continuity(rows.mobile),
-        "colour": lambda _: surface._colour(surface.flow),  # type: ignore[union-attr]
-        "conduction": lambda _: heat._rates(rows.total, 0, 0.0),  # type: ignore[union-attr]
+        "momentum": lambda step: flow._momentum(rows.mobile, step, True),
+        "continuity": lambda _: flow._continuity(rows.mobile, True),
+        "colour": lambda _: surface._colour(surface.flow, True),  # type: ignore[union-attr]
+        "conduction": lambda _: heat._rates(rows.hot, 0, 0.0, True),  # type: ignore[union-attr]
     }
-    counts = {"momentum": rows.mobile, "continuity": rows.mobile, "conduction": rows.total,
+    counts = {"momentum": rows.mobile, "continuity": rows.mobile, "conduction": rows.hot,
               "colour": surface.flow if surface else 0}  # fmt: skip
     return [exported.twin(name, counts[name], launch, dt) for name, launch in launches.items()]
 
@@ -153,7 +153,7 @@ class _Exported:
         for name, field in _RESULTS.items():
             like = sim.state.array(field)
             arrays[name] = np.zeros(like.shape, np.float64 if name == "heating" else self._real)
-        sizes = {"mobile": rows.mobile, "total": rows.total, "near_surface_count": surface.flow,
+        sizes = {"mobile": rows.mobile, "hot": rows.hot, "near_surface_count": surface.flow,
                  "near_capacity": rows.near_capacity, "far_capacity": rows.far_capacity,
                  "intervals": len(sim.disc.flat.shepard) - 1}  # fmt: skip
         pointers = {name: values.ctypes.data for name, values in arrays.items()}
@@ -188,7 +188,9 @@ class _Exported:
         chosen: np.ndarray = rows.rows.to_numpy()
         if name == "colour":
             return np.asarray(chosen[surface._near_surface.to_numpy()[: surface.flow]])
-        return chosen[: rows.total if name == "conduction" else rows.mobile]
+        if name == "conduction":
+            return np.asarray(rows.hot_rows.to_numpy()[: rows.hot])
+        return chosen[: rows.mobile]
 
     def _neighbours(self, name: str) -> float:
         rows, own = self._sim.rows, self._rows(name)

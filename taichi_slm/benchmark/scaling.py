@@ -51,7 +51,7 @@ def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, An
     for _ in range(count):
         sim.step()
     seconds = time.perf_counter() - began
-    return {"particles": sim.scene.count, "active particles": sim.rows.total, "moving particles": sim.rows.mobile,
+    return {"particles": sim.scene.count, "active particles": sim.rows.hot, "moving particles": sim.rows.mobile,
             "us per flow step": 1e6 * seconds / (sim.steps - before)}  # fmt: skip
 
 

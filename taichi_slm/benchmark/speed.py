@@ -71,7 +71,7 @@ def profile(scene: str, precision: str, quick: bool) -> dict[str, Any]:
         before = sim.steps
         with watch.watching():
             seconds = _block(sim, block)
-        found.append(Block(seconds, sim.steps - before, sim.rows.total, sim.rows.mobile, dict(watch.passes)))
+        found.append(Block(seconds, sim.steps - before, sim.rows.hot, sim.rows.mobile, dict(watch.passes)))
     per_step, active = statistics.median(plain), statistics.mean(each.active for each in found)
     step = {
         "particles": sim.scene.count, "active particles": active,
@@ -104,7 +104,7 @@ def _block(sim: Simulation, steps: int) -> float:
 
 
 def _neighbours(sim: Simulation) -> float:
-    rows = sim.rows.rows.to_numpy()[: sim.rows.total]
+    rows = sim.rows.hot_rows.to_numpy()[: sim.rows.hot]
     return float(sim.rows.near_count.to_numpy()[rows].mean())
 
 

@@ -152,9 +152,14 @@ class Performance(Frozen):
         10,
         description="flow steps per heat step, at most; at 18 the lagging Marangoni force widens a weld by 12 %",
     )
+    heat_motion: NonNegativeNumber = Field(
+        0.1,
+        description="a heat step may be longer than heat_steps_at_most as long as nobody moves farther [dx] in it",
+    )
     keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
     serial_below: Annotated[int, Field(ge=0)] = Field(
-        600, description="loops over fewer particles run on one thread"
+        1000,
+        description="loops over the neighbours of fewer particles run on one thread, plain loops over ten times as many",
     )
     stop_finished: bool = Field(True, description="end when the beam has passed and everything is solid")

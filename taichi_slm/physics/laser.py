@@ -20,7 +20,7 @@ from itertools import product
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import Schedule, ti
 from taichi_slm.config.schema import Laser
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
@@ -93,7 +93,7 @@ class LaserBins:
     """The binning grid over the domain and its passes."""
 
     def __init__(self, laser: Laser, state: State, rows: Neighbours, lower: np.ndarray, upper: np.ndarray,
-                 dx: float, whole: bool):  # fmt: skip
+                 dx: float, whole: bool, schedule: Schedule):  # fmt: skip
         d = state.dimension
         size = laser.bin_size or dx
         self.laser = laser
@@ -139,15 +139,17 @@ class LaserBins:
             return (ti.cast(state.position[a], ti.f64) - origin) * inverse
 
         @ti.kernel
-        def deposit(total: ti.i32, first: Index, extent: Index, bottom: ti.f64):
+        def deposit(hot: ti.i32, first: Index, extent: Index, bottom: ti.f64, alone: ti.template()):
+            floor[None] = 1e30
+            ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 for level in range(levels):
                     node = self_node(column + first, level)
                     weight[node] = 0
                     power[node] = 0.0
-            floor[None] = 1e30
-            for k in range(total):
-                a = rows.rows[k]
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 if state.position[a][d - 1] > bottom:
                     place = place_of(a)
                     base = ti.cast(ti.floor(place), ti.i32)
@@ -170,7 +172,9 @@ class LaserBins:
             incident: ti.f64,
             faintest: ti.f64,
             fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1),
+            alone: ti.template(),
         ):
+            ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)
@@ -185,9 +189,10 @@ class LaserBins:
                             ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
 
         @ti.kernel
-        def hand_back(total: ti.i32, first: Index, extent: Index, bottom: ti.f64):
-            for k in range(total):
-                a = rows.rows[k]
+        def hand_back(hot: ti.i32, first: Index, extent: Index, bottom: ti.f64, alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 received = ti.cast(0.0, ti.f64)
                 if state.position[a][d - 1] > bottom:
                     place = place_of(a)
@@ -198,7 +203,7 @@ class LaserBins:
                             received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
                 state.laser[a] = received
 
-        self._rows = rows
+        self._rows, self._schedule = rows, schedule
         self._deposit, self._march, self._hand_back = deposit, march, hand_back
 
     def window(self, centre: tuple[float, ...]) -> tuple[int, ...]:
@@ -217,17 +222,18 @@ class LaserBins:
         """
         if incident == 0.0 and not self.whole:
             return False
-        total = self._rows.total
+        hot = self._rows.hot
         first = self.window(centre)
         edges = [
             o + self.size * (f + np.arange(m + 1) - 0.5) - x
             for o, f, m, x in zip(self.lower, first, self.columns, centre, strict=False)
         ]
         bottom = -np.inf if self.whole else self.bottom()
-        self._deposit(total, first, self.columns, bottom)
+        alone = self._schedule.plain(hot)
+        self._deposit(hot, first, self.columns, bottom, alone)
         fraction = np.ascontiguousarray(shares(self.laser, edges))
-        self._march(first, incident, DARK * float(fraction.max(initial=0.0)), fraction)
-        self._hand_back(total, first, self.columns, bottom)
+        self._march(first, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone)
+        self._hand_back(hot, first, self.columns, bottom, alone)
         return True
 
     def forget(self) -> None:

@@ -46,7 +46,7 @@ class Accounts:
             "dt_s": sim.dt,
             "dt_limiter": sim.dt_limiter,
             "mobile": int(found[MOBILE_COUNT]),
-            "hot": sim.rows.total,
+            "hot": sim.rows.hot,
             "max_temperature_K": float(found[HOTTEST]),
             "max_speed_m_s": math.sqrt(found[FASTEST]),
             "absorbed_J": energy["absorbed"],

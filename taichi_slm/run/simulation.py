@@ -28,6 +28,7 @@ SNAPSHOT_ARRAYS = (
     "tracer", "id", "ever_liquid", "wall", "held",
 )  # fmt: skip
 _OF_THE_SCENE = {"material": np.int32, "tracer": np.int32, "wall": np.uint8, "held": np.uint8}
+FROZEN_ROWS = 0.1  # share of the mobile rows that may have frozen before they are gathered anew
 FLOW_ONLY_STEPS = 8  # flow steps between looks at the clock in a scene without heat
 
 
@@ -50,8 +51,8 @@ class Simulation:
         self.beam = BeamPath(config.laser, config.dimension) if config.laser else None
         real = getattr(ti, precision)
         cpu = arch == "cpu"
-        serial = cpu and (threads == 1 or self.scene.count < config.performance.serial_below)
-        self.model = model = Model(config, self.scene, real, serial=serial, ordered=cpu)
+        schedule = backend.Schedule(cpu, cpu and threads == 1, config.performance.serial_below)
+        self.model = model = Model(config, self.scene, real, schedule)
         self.disc, self.state, self.rows, self.ledger = model.disc, model.state, model.rows, model.ledger
         self.activity, self.surface, self.flow_step = model.activity, model.surface, model.flow_step
         self.heat, self.bins, self.limits, self.host_tables = (
@@ -79,6 +80,7 @@ class Simulation:
         self.activity.build()
         if self.surface is not None:
             self.surface.colour_everywhere()
+            self.activity.forget()
             self.activity.build()
         self.compile_time_s = time.perf_counter() - began
 
@@ -118,8 +120,7 @@ class Simulation:
 
     def _search_anew(self) -> None:
         """Have the lists built anew at the next step, so that a run resumed here has the same lists, and bits."""
-        self.rows.forget()
-        self.activity.stale = True
+        self.activity.forget()
 
     def _span(self, until: float) -> None:
         """One heat step, and the flow steps within it; nothing once the scene is finished."""
@@ -164,7 +165,7 @@ class Simulation:
                 flow_dt, limiter = heat_dt, name
             span = flow_dt
             if performance.heat_clock:
-                span = min(heat_dt, performance.heat_steps_at_most * flow_dt)
+                span = min(heat_dt, max(performance.heat_steps_at_most * flow_dt, self._while_at_rest()))
                 span = self.limits.without_waste(span, self.hottest)
         if numerics.maximum_step is not None and numerics.maximum_step < flow_dt:
             flow_dt, limiter = numerics.maximum_step, "maximum_step"
@@ -177,6 +178,13 @@ class Simulation:
             span = 0.5 * remaining
         self.dt_limiter = limiter
         return span, max(1, math.ceil(span / flow_dt * (1.0 - 1e-9)))
+
+    def _while_at_rest(self) -> float:
+        """Time in which nobody moves by more than a small part of a spacing [s]: hardly any heat is carried in it."""
+        if self.flow_step is None or not self.moving:
+            return math.inf
+        fastest = math.sqrt(self.flow_step.flow.fastest[None])
+        return self.config.performance.heat_motion * self.config.spacing / max(fastest, 1e-30)
 
     def _beam_step(self) -> float:
         """Heat step that the beam allows [s]: half a bin of its way, a bounded rise, and not past its next event."""
@@ -220,8 +228,9 @@ class Simulation:
         report = self.heat.step(span, lit, self.limits.euler(self.hottest))
         self.hottest, self.hottest_id = float(report[HOTTEST]), int(report[HOTTEST_ID])
         self.moving = int(report[MOVING])
-        if report[WAITING] > RELEASE_BY or report[LEFT_RIM]:
-            self.activity.stale = True
+        frozen = self.rows.mobile - self.moving
+        self.activity.stale |= bool(report[WAITING] > RELEASE_BY or frozen > FROZEN_ROWS * self.rows.mobile)
+        self.activity.outgrown |= bool(report[LEFT_RIM])
         top = self.host_tables.segment_start[:, 3].max()
         if not self.hottest < top:
             if self.hottest >= LOST:

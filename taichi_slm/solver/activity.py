@@ -1,7 +1,9 @@
 """Who has work to do: mobile, beside the mobile, hot or lit. The rows of the lists, and when to choose them anew.
 
-A set is chosen from whole cells, so that it reaches a cell or two beyond those who need it; it is chosen again when
-somebody moved half a skin, melted, or when the warmth or the beam reached its rim.
+When somebody moved half a skin or melted, the lists are stale: those who move change their cells, the flow rows are
+gathered and their lists searched, at a cost that follows the flow rows. When the warmth, the beam or a mobile particle
+reached the rim of the hot set, that is outgrown: it is chosen anew from all cells, which costs a look at every
+particle.
 """
 
 import math
@@ -36,12 +38,12 @@ class Activity:
         self.ejection: Ejection | None = None
         self.heat: HeatPasses | None = None
         self.rest = rest
-        self.builds = 0
-        self.stale = True
+        self.builds = self.choices = 0  # of lists; of those, with all rows chosen anew
+        self.stale = self.outgrown = True
         self._keep = performance.keep_neighbours
         self._half_skin2 = (0.5 * performance.skin * dx) ** 2
-        self._all_flow = (0 if performance.skip_solid else 1) if state.needs.flow else -1
-        self._all_hot = (0 if performance.skip_cold and not all_hot else 1) if state.needs.heat else -1
+        self._all_flow = not performance.skip_solid
+        self._all_hot = all_hot or not performance.skip_cold or not state.needs.heat
         self._laser = config.laser
         self._lit_centre: tuple[float, ...] | None = None
         self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
@@ -51,8 +53,8 @@ class Activity:
         """Build the lists anew if they are stale or somebody moved half a skin."""
         moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
         if not self._keep:
-            self.rows.forget()
-        if self.stale or moved or not self._keep:
+            self.forget()
+        if self.stale or self.outgrown or moved or not self._keep:
             self.build()
 
     def beam_at(self, centre: tuple[float, ...] | None) -> None:
@@ -65,10 +67,10 @@ class Activity:
             # a jump, over ground that was not looked at
             if math.dist(centre, self._last_centre) > self.bins.size:
                 self.bins.forget()
-                self.stale = True
+                self.outgrown = True
         self._last_centre = centre
         if self._lit_centre is None or math.dist(centre, self._lit_centre) > self._margin:
-            self.stale = True
+            self.outgrown = True
 
     _next_centre: tuple[float, ...] | None = None
     _last_centre: tuple[float, ...] | None = None  # of the beam when it was last on
@@ -77,10 +79,9 @@ class Activity:
         """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""
         if self.heat is not None and self.flow is not None:
             self.heat.release()
-        self.cells.build(WARM_FROM, self.rest)
-        self._check(self.cells.invalid, "a particle has no finite place", "position or temperature")
-        self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")
-        self.rows.build(self._all_flow, self._all_hot, self._lit_box())
+        if self.outgrown or not self._keep or not self.cells.can_follow or not self._follow():
+            self._choose()
+        self.rows.search()
         self._check(
             self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists"
         )
@@ -90,8 +91,33 @@ class Activity:
             self.surface.refresh()
         if self.flow is not None:
             self.flow.moved[None] = 0.0
-        self.stale = False
+        if self.heat is not None:
+            self.heat.survey()
+        self.stale = self.outgrown = False
         self.builds += 1
+
+    def _follow(self) -> bool:
+        """Gather the flow rows from the cells that the mobile particles are in now; False: the hot set is outgrown."""
+        self.cells.follow(self.rows.rows, self.rows.mobile)
+        self._check_cells()
+        return self.rows.gather(self._all_flow)
+
+    def _choose(self) -> None:
+        """Choose both sets of rows from all particles."""
+        self.cells.build(WARM_FROM, self.rest)
+        self._check_cells()
+        self.rows.choose_hot(self._all_hot, self._lit_box())
+        self.rows.gather(self._all_flow)
+        self.choices += 1
+
+    def forget(self) -> None:
+        """Choose every row and search every list anew at the next build: a run resumed here then has the same bits."""
+        self.rows.forget()
+        self.outgrown = True
+
+    def _check_cells(self) -> None:
+        self._check(self.cells.invalid, "a particle has no finite place", "position or temperature")
+        self._check(self.cells.overflow, "a cell is full: particles crowd far beyond their spacing", "cells")
 
     def _lit_box(self) -> tuple[Any, Any]:
         d = self.state.dimension

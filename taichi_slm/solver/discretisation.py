@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from taichi_slm.backend import Schedule
 from taichi_slm.config.numerics import Numerics, Physics
 from taichi_slm.sph.kernel import Wendland
 from taichi_slm.sph.lattice import FlatSurface, conduction_moment, flat_surface
@@ -24,8 +25,7 @@ class Discretisation:
     gravity: float
     ambient: float
     shifting: float
-    serial: bool  # loops on one thread (CPU, small scenes)
-    ordered: bool  # reductions in one fixed order (CPU)
+    schedule: Schedule
     real: Any
 
     @property
@@ -46,7 +46,7 @@ class Discretisation:
 
 
 def discretise(dimension: int, dx: float, physics: Physics, numerics: Numerics, gravity: float, ambient: float,
-               shifting: float, serial: bool, ordered: bool, real: Any) -> Discretisation:  # fmt: skip
+               shifting: float, schedule: Schedule, real: Any) -> Discretisation:  # fmt: skip
     """Evaluate kernels, lattice moments and the flat-surface tables once."""
     flow = Wendland(dimension, numerics.smoothing * dx)
     surface = Wendland(dimension, numerics.surface_smoothing * dx)
@@ -56,5 +56,5 @@ def discretise(dimension: int, dx: float, physics: Physics, numerics: Numerics, 
         gradient_moment=conduction_moment(flow, dx) if numerics.gradient_correction else 1.0,
         flat=flat_surface(surface, flow, dx),
         physics=physics, numerics=numerics, gravity=gravity, ambient=ambient,
-        shifting=shifting, serial=serial, ordered=ordered, real=real,
+        shifting=shifting, schedule=schedule, real=real,
     )  # fmt: skip

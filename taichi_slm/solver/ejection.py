@@ -21,7 +21,7 @@ class Ejection:
 
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger,
                  lower: np.ndarray, upper: np.ndarray, minimum: int):  # fmt: skip
-        d, ordered = disc.dimension, disc.ordered
+        d, ordered = disc.dimension, disc.schedule.ordered
         low, high = ti.Vector([float(x) for x in lower]), ti.Vector([float(x) for x in upper])
         support2 = disc.flow_kernel.support**2
         removed_heat, removed_momentum = ENERGY.index("removed"), MOMENTUM.index("removed")

@@ -29,7 +29,7 @@ class FlowPasses:
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger):
         self.moved = ti.field(disc.real, shape=())
         self.fastest = ti.field(disc.real, shape=())  # largest squared speed of the last kick [m^2/s^2]
-        self._rows = rows
+        self._rows, self._schedule = rows, disc.schedule
         self._advance = self._compile_advance(state, rows, disc)
         self._walls = self._compile_walls(state, rows, disc, ledger)
         self._momentum = compile_momentum(state, rows, disc)
@@ -38,15 +38,16 @@ class FlowPasses:
 
     def advance(self, drift: float, density: float) -> None:
         """Move positions by ``drift`` and densities by ``density`` [s] with their rates; then p by (9)."""
-        self._advance(self._rows.mobile, drift, density)
+        mobile = self._rows.mobile
+        self._advance(mobile, drift, density, self._schedule.plain(mobile))
 
     def walls(self) -> None:
         """Extrapolate the liquid's pressure and velocity to the still particles beside it."""
-        self._walls(self._rows.flow)
+        self._walls(self._rows.flow, self._schedule.alone(self._rows.flow))
 
     def momentum(self, dt: float) -> None:
         """Write accelerations and shifts; ``dt`` [s] is the time of the viscous heat and of the shear."""
-        self._momentum(self._rows.mobile, dt)
+        self._momentum(self._rows.mobile, dt, self._schedule.alone(self._rows.mobile))
 
     def kick(self, dt: float, dt_before: float, drift: float) -> None:
         """Velocities by ``dt`` (less half of ``dt_before`` for the printed leapfrog), positions by ``drift`` [s]."""
@@ -54,15 +55,15 @@ class FlowPasses:
 
     def continuity(self) -> None:
         """Write density rates and Shepard sums."""
-        self._continuity(self._rows.mobile)
+        self._continuity(self._rows.mobile, self._schedule.alone(self._rows.mobile))
 
     def _compile_advance(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
         pressure = pressure_of(disc.numerics.sound_speed)
-        serial, balanced = disc.ordered, state.needs.balanced
+        balanced = state.needs.balanced
 
         @ti.kernel
-        def advance(mobile: ti.i32, drift: disc.real, density: disc.real):
-            ti.loop_config(serialize=serial)
+        def advance(mobile: ti.i32, drift: disc.real, density: disc.real, alone: ti.template()):
+            ti.loop_config(serialize=alone)
             for k in range(mobile):
                 a = rows.rows[k]
                 if state.mobility[a] == MOBILE:
@@ -82,14 +83,14 @@ class FlowPasses:
     def _compile_walls(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
         W, _ = disc.flow_kernel.functions()
         extrapolated = wall_pressure(disc.gravity, disc.dimension - 1)
-        serial, uses_shepard = disc.serial, disc.uses_shepard
+        uses_shepard = disc.uses_shepard
         at_zero = float(disc.flow_kernel.value(0.0))
         clamps, shows_velocity = ledger.clamps, state.needs.wall_velocity
         shown = wall_velocity(disc.numerics.walls == "no_slip")
 
         @ti.kernel
-        def walls(flow: ti.i32):
-            ti.loop_config(serialize=serial)
+        def walls(flow: ti.i32, alone: ti.template()):
+            ti.loop_config(serialize=alone)
             for k in range(flow):
                 a = rows.rows[k]
                 if state.mobility[a] != MOBILE:
@@ -126,7 +127,7 @@ class FlowPasses:
         return walls
 
     def _compile_kick(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
-        d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.ordered
+        d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.schedule.ordered
         moved, fastest, tension, gravity = self.moved, self.fastest, state.needs.tension, disc.gravity
         chunks = 1 if ordered else 1024
         shifts = state.needs.shifting
@@ -194,12 +195,12 @@ class FlowPasses:
                 disc.real,
             )
         at_zero = float(disc.flow_kernel.value(0.0))
-        serial, clamps = disc.serial, ledger.clamps
+        clamps = ledger.clamps
         moment, balanced = disc.gradient_moment, state.needs.balanced
 
         @ti.kernel
-        def continuity(mobile: ti.i32):
-            ti.loop_config(serialize=serial)
+        def continuity(mobile: ti.i32, alone: ti.template()):
+            ti.loop_config(serialize=alone)
             for k in range(mobile):
                 a = rows.rows[k]
                 if state.mobility[a] == MOBILE:

@@ -1,7 +1,7 @@
 """The heat passes: rates, the time scheme, latent heat, phase.
 
-factors  of conduction: what the neighbours that are missing at a surface would have carried
-areas    surface of a particle, for radiation and evaporation
+survey   factor of conduction: what the neighbours that are missing at a surface would have carried;
+         surface of a particle, for radiation and evaporation
 rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
 account  energy accounts of a stage
 predict  state at the end of the step with the present rates
@@ -24,7 +24,7 @@ from taichi_slm.physics.radiation import area_density, radiated_flux
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import MOMENTUM, Ledger
 from taichi_slm.solver.timestep import stages_for
-from taichi_slm.sph.neighbours import Neighbours
+from taichi_slm.sph.neighbours import FOUND, SETTLED, Neighbours
 from taichi_slm.state import HELD, MOBILE, State
 
 POWERS = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")  # accounts of the heat passes
@@ -40,18 +40,15 @@ class HeatPasses:
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger, tables: MaterialTables,
                  emissivity: np.ndarray, band_heat_capacity: np.ndarray, evaporations: tuple[Any, ...],
                  alpha_viscosity: float, warm_from: float, rest: float):  # fmt: skip
-        self._rows = rows
+        self._rows, self._needs = rows, state.needs
         self._scheme = disc.numerics.heat_scheme
         self._tolerance = disc.numerics.fixed_point_tolerance
         self._sweeps = disc.numerics.fixed_point_sweeps
-        self.report = ti.field(ti.f64, shape=5)
         self.change = ti.field(ti.f64, shape=())  # largest relative change of a fixed-point sweep
         self.sweeps = 0  # fixed-point sweeps or stages of the last step
-        self.power = ti.field(ti.f64, shape=len(POWERS))
-        self._ledger = ledger
-        self._areas = self._compile_areas(state, rows, disc) if state.needs.losses else None
-        own = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
-        self._factors = self._compile_factors(state, rows, disc) if own else None
+        self._ledger, self._schedule = ledger, disc.schedule
+        self._own_moments = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
+        self._survey = self._compile_survey(state, rows, disc)
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
         self._account = self._compile_account(state, rows, disc)
         self._predict, self._correct, self._stage = self._compile_scheme(
@@ -64,36 +61,37 @@ class HeatPasses:
 
         ``stable`` is the longest step of explicit Euler [s].
         """
-        total = self._rows.total
-        if self._factors is not None:
-            self._factors(total)
-        if self._areas is not None:
-            self._areas(total)
+        hot, plain = self._rows.hot, self._schedule.plain(self._rows.hot)
+        self.survey()
         if self._scheme == "rkl2":
             self._super_step(dt, lit, stages_for(dt / stable))
         else:
             first = self._powers(lit, dt)
-            self._predict(total, dt)
+            self._predict(hot, dt, plain)
             mean = first
             if self._scheme != "euler":
                 for sweep in range(self._sweeps if self._scheme == "trapezoid" else 1):
                     last = self._powers(lit, dt)
-                    self._correct(total, 0.5 * dt)
+                    self._correct(hot, 0.5 * dt, plain)
                     self.sweeps = sweep + 1
                     if self._scheme == "trapezoid" and self.change[None] < self._tolerance:
                         break
                 mean = 0.5 * (first + last)
             self._ledger.book(POWERS, dt * mean)
-        self._phases(total, dt)
-        report: np.ndarray = self.report.to_numpy()
+        report = np.zeros(5)
+        self._phases(hot, report)
         return report
+
+    def survey(self) -> None:
+        """Conduction factors and radiating areas of the rows near those who move, and of those whose lists are new."""
+        if self._own_moments or self._needs.losses:
+            self._survey(self._rows.hot, self._schedule.alone(self._rows.hot // 4))
 
     def _powers(self, lit: bool, dt: float) -> np.ndarray:
         """Heating of every row at the present state; returns the total powers [W] by account, shape [5]."""
-        total, lit_now = self._rows.total, int(lit)
-        self._rates(total, lit_now, 1.0 / dt)
-        self._account(total, lit_now, 1.0 / dt)
-        powers: np.ndarray = self.power.to_numpy()
+        hot, lit_now, powers = self._rows.hot, int(lit), np.zeros(len(POWERS))
+        self._rates(hot, lit_now, 1.0 / dt, self._schedule.alone(hot))
+        self._account(hot, lit_now, 1.0 / dt, powers)
         return powers
 
     def _super_step(self, dt: float, lit: bool, stages: int) -> None:
@@ -102,106 +100,72 @@ class HeatPasses:
         Meyer, Balsara, Aslam 2014, J. Comput. Phys. 257, 594, eqs. (16)-(17). The accounts obey the same recurrence as
         the particles, so they close to round-off.
         """
-        total = self._rows.total
+        hot, plain = self._rows.hot, self._schedule.plain(self._rows.hot)
 
         def b(j: int) -> float:
             return 1.0 / 3.0 if j < 2 else (j * j + j - 2.0) / (2.0 * j * (j + 1.0))
 
         w = 4.0 / (stages * stages + stages - 2.0)
         first = self._powers(lit, dt)
-        self._predict(total, b(1) * w * dt)
+        self._predict(hot, b(1) * w * dt, plain)
         booked, before = b(1) * w * dt * first, np.zeros_like(first)
         for j in range(2, stages + 1):
             mu = (2.0 * j - 1.0) / j * b(j) / b(j - 1)
             nu = -(j - 1.0) / j * b(j) / b(j - 2)
             new, old = mu * w * dt, -(1.0 - b(j - 1)) * mu * w * dt
             powers = self._powers(lit, dt)
-            self._stage(total, j == 2, mu, nu, new, old)
+            self._stage(hot, j == 2, mu, nu, new, old, plain)
             booked, before = mu * booked + nu * before + new * powers + old * first, booked
         self.sweeps = stages
         self._ledger.book(POWERS, booked)
 
     def release(self) -> None:
         """Let go who has melted; the lists must be built next."""
-        self._release(self._rows.total)
+        self._release(self._rows.hot)
 
-    def _compile_factors(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        _, F = disc.flow_kernel.functions()
-        factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
-        state.conduction_factor.fill(1.0 / disc.conduction_moment)
-        serial = disc.serial
-
-        @ti.kernel
-        def factors(total: ti.i32):
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
-                x = state.position[a]
-                first = x * 0.0
-                length = x[0] * 0.0
-                moment = first.outer_product(first)
-                for j in range(rows.near_count[a]):
-                    b = rows.near[a, j]
-                    r = x - state.position[b]
-                    r2 = r.norm_sqr()
-                    weight = -state.volume[b] * F(r2)
-                    first += weight * r
-                    length += weight * ti.sqrt(r2)
-                    moment += weight * r.outer_product(r)
-                state.conduction_factor[a] = factor(moment, first, length)
-
-        return factors
-
-    def _compile_areas(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        d = disc.dimension
-        corrected = disc.numerics.surface_area == "corrected"
-        density = area_density(d, flat_table(disc.flat.depth, disc.flat, disc.h_surface, disc.real))
-        W, F = disc.flow_kernel.functions()
-        at_zero, serial = float(disc.flow_kernel.value(0.0)), disc.serial
+    def _compile_survey(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
+        """What the neighbours say of a particle; among still particles it is found once, as their lists are."""
+        own, losses = self._own_moments, state.needs.losses
+        factor_of = _conduction_factor(state, rows, disc) if own else None
+        area_of = _radiating_area(state, rows, disc) if losses else None
+        if state.needs.heat:
+            state.conduction_factor.fill(1.0 / disc.conduction_moment)
+        expands = disc.numerics.solid_density == "true"  # the volumes of still particles change, too
 
         @ti.kernel
-        def areas(total: ti.i32):
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
-                result = state.colour_strength[a]
-                normal = state.normal[a]
-                if ti.static(corrected):
-                    if normal.norm_sqr() > 0.5:
-                        x = state.position[a]
-                        divergence = x[0] * 0.0
-                        weight = state.volume[a] * at_zero
-                        for j in range(rows.near_count[a]):
-                            b = rows.near[a, j]
-                            r = x - state.position[b]
-                            r2 = r.norm_sqr()
-                            V_b = state.volume[b] * ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
-                            divergence += V_b * F(r2) * (state.normal[b] - normal).dot(r)
-                            weight += V_b * W(r2)
-                        result = density(result, -divergence / weight)
-                state.surface_area[a] = result
+        def survey(hot: ti.i32, alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
+                if expands or rows.listed[a] != SETTLED:
+                    if ti.static(own):
+                        state.conduction_factor[a] = factor_of(a)
+                    if ti.static(losses):
+                        state.surface_area[a] = area_of(a)
+                    if rows.listed[a] == FOUND:
+                        rows.listed[a] = SETTLED
 
-        return areas
+        return survey
 
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
         numerics, physics = disc.numerics, disc.physics
         _, F = disc.flow_kernel.functions()
         one_material = len(emissivity) == 1
-        own = self._factors is not None
+        own = self._own_moments
         moment = 1.0 if own else disc.conduction_moment
         flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, moment)
         radiated = radiated_flux(disc.ambient, numerics.radiation_law)
         evaporated = vapour(evaporations, disc.real)[0] if physics.evaporation else None
         emits = ti.field(disc.real, shape=len(emissivity))
         emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
-        serial, viscous = disc.serial, state.needs.viscous_heating
+        viscous = state.needs.viscous_heating
 
         @ti.kernel
-        def rates(total: ti.i32, lit: ti.i32, per_step: ti.f64):
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
+        def rates(hot: ti.i32, lit: ti.i32, per_step: ti.f64, alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 x = state.position[a]
                 T_a = state.temperature[a]
                 k_a = state.conductivity[a]
@@ -237,19 +201,19 @@ class HeatPasses:
         return rates
 
     def _compile_account(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        power, physics, ordered = self.power, disc.physics, disc.ordered
+        physics, ordered = disc.physics, disc.schedule.ordered
         chunks = 1 if ordered else 1024
         has_viscous = state.needs.viscous_heating
 
         @ti.kernel
-        def account(total: ti.i32, lit: ti.i32, per_step: ti.f64):
-            for i in range(5):
-                power[i] = 0.0
+        def account(
+            hot: ti.i32, lit: ti.i32, per_step: ti.f64, power: ti.types.ndarray(dtype=ti.f64, ndim=1)
+        ):
             ti.loop_config(serialize=ordered)
             for chunk in range(chunks):
                 sums = ti.Vector.zero(ti.f64, 5)
-                for k in range(chunk * total // chunks, (chunk + 1) * total // chunks):
-                    a = rows.rows[k]
+                for k in range(chunk * hot // chunks, (chunk + 1) * hot // chunks):
+                    a = rows.hot_rows[k]
                     if lit != 0:
                         sums[0] += state.laser[a]
                     if ti.static(physics.radiation):
@@ -272,7 +236,7 @@ class HeatPasses:
         capacity, enthalpy_of = tables.reader("heat_capacity"), tables.reader("enthalpy")
         band = ti.field(ti.f64, shape=len(band_heat_capacity))
         band.from_numpy(np.asarray(band_heat_capacity, np.float64))
-        serial, change = disc.serial, self.change
+        change = self.change
 
         @ti.func
         def rate_of(a):
@@ -313,10 +277,10 @@ class HeatPasses:
             return (state.kind[a] & HELD) == 0 and state.mass[a] > 0.0
 
         @ti.kernel
-        def predict(total: ti.i32, dt: ti.f64):
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
+        def predict(hot: ti.i32, dt: ti.f64, alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 if free(a):
                     rate = rate_of(a)
                     before = thermal_state(a)
@@ -325,21 +289,29 @@ class HeatPasses:
                     settle(a, before + dt * rate)
 
         @ti.kernel
-        def correct(total: ti.i32, half: ti.f64):
+        def correct(hot: ti.i32, half: ti.f64, alone: ti.template()):
             change[None] = 0.0
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 if free(a):
                     T = state.temperature[a]
                     settle(a, state.enthalpy_before[a] + half * (state.heating_before[a] + rate_of(a)))
                     ti.atomic_max(change[None], ti.cast(abs(state.temperature[a] - T) / T, ti.f64))
 
         @ti.kernel
-        def stage(total: ti.i32, second: ti.i32, mu: ti.f64, nu: ti.f64, new: ti.f64, old: ti.f64):
-            ti.loop_config(serialize=serial)
-            for k in range(total):
-                a = rows.rows[k]
+        def stage(
+            hot: ti.i32,
+            second: ti.i32,
+            mu: ti.f64,
+            nu: ti.f64,
+            new: ti.f64,
+            old: ti.f64,
+            alone: ti.template(),
+        ):
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 if free(a):
                     start = state.enthalpy_before[a]
                     present = thermal_state(a)
@@ -356,41 +328,107 @@ class HeatPasses:
                         warm_from: float, rest: float) -> tuple[Any, Any]:  # fmt: skip
         halt, waits = phase_setter(state)
         flow, viscous, d = state.needs.flow, state.needs.viscous_heating, disc.dimension
-        report, momentum, ordered = self.report, ledger.momentum, disc.ordered
+        momentum, ordered = ledger.momentum, disc.schedule.ordered
+        chunks = 1 if ordered else 1024
         frozen = MOMENTUM.index("frozen")
 
         @ti.kernel
-        def phases(total: ti.i32, dt: ti.f64):
-            for i in range(5):
-                report[i] = 0.0
+        def phases(hot: ti.i32, report: ti.types.ndarray(dtype=ti.f64, ndim=1)):
             ti.loop_config(serialize=ordered)
-            for k in range(total):
-                a = rows.rows[k]
-                T = ti.cast(state.temperature[a], ti.f64)
-                if ti.math.isnan(T):  # a maximum would lose it
-                    T = ti.cast(1e30, ti.f64)
-                if ti.static(viscous):
-                    state.viscous_work[a] = 0.0
-                if T > ti.atomic_max(report[HOTTEST], T):
-                    report[HOTTEST_ID] = a
-                if rows.core[k] == 0 and abs(T - rest) > warm_from:
-                    report[LEFT_RIM] = 1.0
-                if ti.static(flow):
-                    u = state.velocity[a]
-                    if halt(a):
-                        for axis in ti.static(range(d)):
-                            ti.atomic_add(momentum[frozen][axis], ti.cast(state.mass[a] * u[axis], ti.f64))
-                    if waits(a):
-                        ti.atomic_max(report[WAITING], ti.cast(state.liquid_fraction[a], ti.f64))
-                    if state.mobility[a] == MOBILE or waits(a):
-                        ti.atomic_add(report[MOVING], 1.0)
+            for chunk in range(chunks):
+                hottest, waiting, moving = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+                hottest_id = 0
+                left_rim = 0
+                for k in range(chunk * hot // chunks, (chunk + 1) * hot // chunks):
+                    a = rows.hot_rows[k]
+                    T = ti.cast(state.temperature[a], ti.f64)
+                    if ti.math.isnan(T):  # a maximum would lose it
+                        T = ti.cast(1e30, ti.f64)
+                    if ti.static(viscous):
+                        state.viscous_work[a] = 0.0
+                    if T > hottest:
+                        hottest = T
+                        hottest_id = a
+                    if rows.core[k] == 0 and abs(T - rest) > warm_from:
+                        left_rim = 1
+                    if ti.static(flow):
+                        u = state.velocity[a]
+                        if halt(a):
+                            for axis in ti.static(range(d)):
+                                ti.atomic_add(
+                                    momentum[frozen][axis], ti.cast(state.mass[a] * u[axis], ti.f64)
+                                )
+                        if waits(a):
+                            waiting = ti.max(waiting, ti.cast(state.liquid_fraction[a], ti.f64))
+                            moving += 1.0
+                        elif state.mobility[a] == MOBILE:
+                            moving += 1.0
+                if hottest > ti.atomic_max(report[HOTTEST], hottest):
+                    report[HOTTEST_ID] = hottest_id
+                ti.atomic_max(report[WAITING], waiting)
+                ti.atomic_max(report[LEFT_RIM], ti.cast(left_rim, ti.f64))
+                ti.atomic_add(report[MOVING], moving)
 
         @ti.kernel
-        def release(total: ti.i32):
+        def release(hot: ti.i32):
             ti.loop_config(serialize=ordered)
-            for k in range(total):
-                a = rows.rows[k]
+            for k in range(hot):
+                a = rows.hot_rows[k]
                 if waits(a):
                     state.mobility[a] = MOBILE
 
         return phases, release
+
+
+def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> Any:
+    """The Taichi function a -> factor of its conduction from the moments of its own neighbours."""
+    _, F = disc.flow_kernel.functions()
+    factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
+
+    @ti.func
+    def of(a):
+        x = state.position[a]
+        first = x * 0.0
+        length = x[0] * 0.0
+        moment = first.outer_product(first)
+        for j in range(rows.near_count[a]):
+            b = rows.near[a, j]
+            r = x - state.position[b]
+            r2 = r.norm_sqr()
+            weight = -state.volume[b] * F(r2)
+            first += weight * r
+            length += weight * ti.sqrt(r2)
+            moment += weight * r.outer_product(r)
+        return factor(moment, first, length)
+
+    return of
+
+
+def _radiating_area(state: State, rows: Neighbours, disc: Discretisation) -> Any:
+    """The Taichi function a -> surface per volume [1/m] that radiates and evaporates."""
+    d = disc.dimension
+    corrected = disc.numerics.surface_area == "corrected"
+    density = area_density(d, flat_table(disc.flat.depth, disc.flat, disc.h_surface, disc.real))
+    W, F = disc.flow_kernel.functions()
+    at_zero = float(disc.flow_kernel.value(0.0))
+
+    @ti.func
+    def of(a):
+        result = state.colour_strength[a]
+        normal = state.normal[a]
+        if ti.static(corrected):
+            if normal.norm_sqr() > 0.5:
+                x = state.position[a]
+                divergence = x[0] * 0.0
+                weight = state.volume[a] * at_zero
+                for j in range(rows.near_count[a]):
+                    b = rows.near[a, j]
+                    r = x - state.position[b]
+                    r2 = r.norm_sqr()
+                    V_b = state.volume[b] * ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
+                    divergence += V_b * F(r2) * (state.normal[b] - normal).dot(r)
+                    weight += V_b * W(r2)
+                result = density(result, -divergence / weight)
+        return result
+
+    return of

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import Schedule, ti
 from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import tabulate
 from taichi_slm.physics.laser import LaserBins
@@ -58,16 +58,16 @@ def shifting_strength(config: Config) -> float:
 class Model:
     """State, lists, ledger and passes. A term that the config does not have is None or not compiled.
 
-    ``serial``: loops on one thread; ``ordered``: reductions in one fixed order (both CPU only).
+    ``schedule`` says which loops run on one thread.
     """
 
-    def __init__(self, config: Config, scene: Scene, real: Any, serial: bool, ordered: bool):
+    def __init__(self, config: Config, scene: Scene, real: Any, schedule: Schedule):
         numerics, needs = config.numerics, needs_of(config)
         d, dx = scene.dimension, scene.spacing
         self.config, self.scene = config, scene
         self.disc = disc = discretise(
             d, dx, config.physics, numerics, config.gravity, config.ambient_temperature, shifting_strength(config),
-            serial, ordered, real,
+            schedule, real,
         )  # fmt: skip
         self.host_tables = tabulate(scene.materials, numerics.solid_density)
         self.limits = StepLimits(config, self.host_tables)
@@ -81,12 +81,12 @@ class Model:
         margin = 2.0 * dx
         lower, upper = scene.lower - margin, scene.upper + margin
         widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
-        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, ordered)
-        self.rows = Neighbours(state, cells, near, far, self.limits.heat_reach(), dx, ordered)
+        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, schedule)
+        self.rows = Neighbours(state, cells, near, far, self.limits.heat_reach(), dx, schedule)
         self.bins = None
         if config.laser and needs.heat:
             whole = not config.performance.skip_dark
-            self.bins = LaserBins(config.laser, state, self.rows, lower, upper, dx, whole)
+            self.bins = LaserBins(config.laser, state, self.rows, lower, upper, dx, whole, schedule)
         rest, all_hot = self._rest_temperature()
         self.activity = Activity(state, cells, self.rows, config, rest, all_hot, self.bins)
         self.surface = self._surface_passes(cells)

@@ -19,8 +19,8 @@ from taichi_slm.state import MOBILE, State
 
 
 def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> Any:
-    """The kernel (mobile rows, dt [s]); ``dt`` is the time over which viscous heat is collected."""
-    needs, gravity, up, serial = state.needs, disc.gravity, disc.dimension - 1, disc.serial
+    """The kernel (mobile rows, dt [s], alone); ``dt`` is the time over which viscous heat is collected."""
+    needs, gravity, up = state.needs, disc.gravity, disc.dimension - 1
     moment = disc.gradient_moment
     _, F = disc.flow_kernel.functions()
     shepard, pressure = _pressure_between(state, disc)
@@ -28,8 +28,8 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
     put_in_order = _shifter(state, disc) if needs.shifting else None
 
     @ti.kernel
-    def momentum(mobile: ti.i32, dt: disc.real):
-        ti.loop_config(serialize=serial)
+    def momentum(mobile: ti.i32, dt: disc.real, alone: ti.template()):
+        ti.loop_config(serialize=alone)
         for k in range(mobile):
             a = rows.rows[k]
             if state.mobility[a] == MOBILE:

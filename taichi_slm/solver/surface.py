@@ -32,10 +32,10 @@ class SurfacePasses:
         self.mobile = self.flow = 0
         self.evaluations = 0  # of curvature and surface force so far: what the clips are a share of
         self._skip_interior = skip_interior
-        self._ordered = disc.ordered
+        self._schedule = disc.schedule
         pair, store = _colour_gradient(state, disc)
         self._colour_all = self._compile_colour_everywhere(state, cells, disc, pair, store)
-        self._colour = self._compile_colour(state, rows, disc, pair, store)
+        self._colour = self._compile_colour(state, rows, pair, store)
         self._select = self._compile_select(state, rows, disc)
         if state.needs.tension:
             self._forces = self._compile_forces(state, rows, disc, ledger, evaporations)
@@ -48,15 +48,15 @@ class SurfacePasses:
     def refresh(self) -> None:
         """After the lists were built: colour gradient of all flow rows, and which of them are near the surface."""
         self._select(self._rows.mobile, self._rows.flow, 0)
-        self._colour(self._rows.flow)
+        self._colour(self._rows.flow, self._schedule.alone(self._rows.flow))
         self._select(self._rows.mobile, self._rows.flow, int(self._skip_interior))
-        self.mobile, self.flow = (int(n) for n in self._ends.to_numpy())
+        self.mobile, self.flow = int(self._ends[0]), int(self._ends[1])
 
     def step(self) -> None:
         """Colour gradient near the surface, then the forces of the mobile rows there."""
-        self._colour(self.flow)
+        self._colour(self.flow, self._schedule.alone(self.flow))
         if self._tension:
-            self._forces(self.mobile)
+            self._forces(self.mobile, self._schedule.alone(self.mobile))
             self.evaluations += self.mobile
 
     def _compile_colour_everywhere(
@@ -80,14 +80,12 @@ class SurfacePasses:
 
         return colour_all
 
-    def _compile_colour(
-        self, state: State, rows: Neighbours, disc: Discretisation, pair: Any, store: Any
-    ) -> Any:
-        serial, near_surface, lists = disc.serial, self._near_surface, _both_lists(rows)
+    def _compile_colour(self, state: State, rows: Neighbours, pair: Any, store: Any) -> Any:
+        near_surface, lists = self._near_surface, _both_lists(rows)
 
         @ti.kernel
-        def colour(count: ti.i32):
-            ti.loop_config(serialize=serial)
+        def colour(count: ti.i32, alone: ti.template()):
+            ti.loop_config(serialize=alone)
             for i in range(count):
                 a = rows.rows[near_surface[i]]
                 total = state.position[a] * 0.0
@@ -100,7 +98,8 @@ class SurfacePasses:
 
     def _compile_select(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
         inside = INSIDE * disc.flat.largest / disc.h_surface
-        needs, ordered, near_surface, ends = state.needs, disc.ordered, self._near_surface, self._ends
+        needs, near_surface, ends = state.needs, self._near_surface, self._ends
+        ordered = disc.schedule.ordered
 
         @ti.kernel
         def select(mobile: ti.i32, flow: ti.i32, skip: ti.i32):
@@ -135,11 +134,11 @@ class SurfacePasses:
         along = _marangoni(state, disc, ledger) if physics.marangoni else None
         recoil = vapour(evaporations, disc.real)[1] if physics.recoil else None
         weight_of = surface_weight(disc.h_surface, numerics.normal_cut)
-        serial, clamps, near_surface = disc.serial, ledger.clamps, self._near_surface
+        clamps, near_surface = ledger.clamps, self._near_surface
 
         @ti.kernel
-        def forces(count: ti.i32):
-            ti.loop_config(serialize=serial)
+        def forces(count: ti.i32, alone: ti.template()):
+            ti.loop_config(serialize=alone)
             for i in range(count):
                 a = rows.rows[near_surface[i]]
                 force = state.position[a] * 0.0

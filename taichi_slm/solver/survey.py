@@ -13,7 +13,7 @@ class Survey:
     """Call it for an array of [present mass, stored heat, mobile, hottest, fastest^2, sum m |u|, momentum ...]."""
 
     def __init__(self, state: State, disc: Discretisation):
-        d, heat, ordered = disc.dimension, state.needs.heat, disc.ordered
+        d, heat, ordered = disc.dimension, state.needs.heat, disc.schedule.ordered
         self.result = ti.field(ti.f64, shape=MOMENTUM + d)
         result = self.result
         chunks = 1 if ordered else 1024

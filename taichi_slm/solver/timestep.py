@@ -20,10 +20,10 @@ def euler_steps(stages: int) -> float:
 
 
 def stages_for(ratio: float) -> int:
-    """Fewest stages (odd, 3 or more) of Runge-Kutta-Legendre for a step of ``ratio`` stable Euler steps."""
-    stages = 3
+    """Fewest stages of Runge-Kutta-Legendre for a step of ``ratio`` stable Euler steps: 2 (Heun's), or odd."""
+    stages = 2
     while euler_steps(stages) < ratio * (1.0 - 1e-9):
-        stages += 2
+        stages += 1 if stages == 2 else 2
     return stages
 
 

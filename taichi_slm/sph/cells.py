@@ -1,7 +1,8 @@
 """The cell grid: every particle in a box, so that a search looks at a few boxes instead of at all particles.
 
 Cells hold at most ``capacity`` particles, in the order of their ids: sums over neighbours are then the same bits
-in every run. A fuller cell is an error that the host reads, never a truncation.
+in every run. A fuller cell is an error that the host reads, never a truncation. Between two builds only those who
+move change their cell.
 """
 
 import math
@@ -10,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import Schedule, ti
 from taichi_slm.state import MOBILE, REMOVED, State
-
-CELL_MOBILE, CELL_WARM = 1, 2  # bits of `mark`
 
 
 class Cells:
@@ -21,74 +20,90 @@ class Cells:
 
     Cells are numbered; ``window(radius)`` has the differences of number to the cells around. A border of empty
     cells, as wide as the widest window, saves every search the question whether a cell exists.
+    ``active`` is 1 for a cell that had a mobile or a warm particle at the last build.
     """
 
     def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, widest: float,
-                 serial: bool):  # fmt: skip
-        d = state.dimension
+                 schedule: Schedule):  # fmt: skip
         self.size = size
         self.border = self.reach(widest)
         self.shape = tuple(
             int(math.ceil((u - o) / size)) + 1 + 2 * self.border for o, u in zip(lower, upper, strict=True)
         )
         self.total = int(np.prod(self.shape))
-        self.capacity = int(3.0 * (size / dx) ** d) + 8
+        self.capacity = int(3.0 * (size / dx) ** state.dimension) + 8
         self.count = ti.field(ti.i32, shape=self.total)
         self.items = ti.field(ti.i32, shape=(self.total, self.capacity))
-        self.mark = ti.field(ti.i32, shape=self.total)
+        self.active = ti.field(ti.i32, shape=self.total)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle that found no room, or -1
-        self.invalid = ti.field(
-            ti.i32, shape=()
-        )  # id of a particle without a finite place or temperature, or -1
+        # id of a particle without a finite place or temperature, or -1
+        self.invalid = ti.field(ti.i32, shape=())
+        self.inner = ti.field(
+            ti.i32, shape=self.total
+        )  # 1 but in the border, from which no window is looked through
+        inner = np.zeros(self.shape, np.int32)
+        inner[(slice(self.border, -self.border),) * len(self.shape)] = 1
+        self.inner.from_numpy(inner.ravel())
+        self._home = ti.field(ti.i32, shape=state.count)  # cell of each particle
+        self._schedule = schedule
+        self.cell_of, self._finite = self._compile_place(lower)
+        self._clear, self._fill, self._sort = self._compile_build(state, schedule.ordered)
+        self._follow = self._compile_follow(state)
 
+    def _compile_place(self, lower: np.ndarray) -> tuple[Any, Any]:
         origin = ti.Vector([float(x) for x in lower])
-        inverse, border = 1.0 / size, self.border
+        inverse, border = 1.0 / self.size, self.border
         top = ti.Vector([n - 1 - 2 * border for n in self.shape])
         stride = ti.Vector([int(x) for x in self._strides()])
-        count, items, mark, overflow, invalid = self.count, self.items, self.mark, self.overflow, self.invalid
-        capacity = self.capacity
 
         @ti.func
         def cell_of(x):
             place = ti.max(0, ti.min(top, ti.cast((x - origin) * inverse, ti.i32))) + border
             return (place * stride).sum()
 
+        @ti.func
+        def finite(x):
+            result = 1
+            for axis in ti.static(range(len(self.shape))):
+                if ti.math.isnan(x[axis]) or ti.math.isinf(x[axis]):
+                    result = 0
+            return result
+
+        return cell_of, finite
+
+    def _compile_build(self, state: State, ordered: bool) -> tuple[Any, Any, Any]:
+        count, items, active, home = self.count, self.items, self.active, self._home
+        overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
+        cell_of, finite = self.cell_of, self._finite
+
         @ti.kernel
-        def clear():
-            for c in count:
-                count[c] = 0
-                mark[c] = 0
+        def clear(alone: ti.template()):
             overflow[None] = -1
             invalid[None] = -1
+            ti.loop_config(serialize=alone)
+            for c in range(self.total):
+                count[c] = 0
+                active[c] = 0
 
         @ti.kernel
         def fill(warm_from: ti.f64, rest: ti.f64):
-            ti.loop_config(serialize=serial)
-            for i in range(state.count):
-                if state.mobility[i] != REMOVED:
-                    x = state.position[i]
-                    finite = 1
-                    for axis in ti.static(range(d)):
-                        if ti.math.isnan(x[axis]) or ti.math.isinf(x[axis]):
-                            finite = 0
-                    if ti.math.isnan(state.temperature[i]):
-                        finite = 0
-                    if finite == 0:
-                        invalid[None] = i
+            ti.loop_config(serialize=ordered)
+            for a in range(state.count):
+                if state.mobility[a] != REMOVED:
+                    x = state.position[a]
+                    if finite(x) == 0 or ti.math.isnan(state.temperature[a]):
+                        invalid[None] = a
                     else:
                         c = cell_of(x)
+                        home[a] = c
                         slot = ti.atomic_add(count[c], 1)
                         if slot < capacity:
-                            items[c, slot] = i
+                            items[c, slot] = a
                         else:
-                            overflow[None] = i
-                        bits = 0
-                        if state.mobility[i] == MOBILE:
-                            bits = CELL_MOBILE
-                        if abs(state.temperature[i] - rest) > warm_from:
-                            bits += CELL_WARM
-                        if bits != 0:
-                            ti.atomic_or(mark[c], bits)
+                            overflow[None] = a
+                        warm = abs(state.temperature[a] - rest) > warm_from
+                        if warm or state.mobility[a] == MOBILE:
+                            active[c] = 1
 
         @ti.kernel
         def sort():
@@ -102,8 +117,54 @@ class Cells:
                         place -= 1
                     items[c, place] = value
 
-        self.cell_of: Any = cell_of
-        self._clear, self._fill, self._sort, self._serial = clear, fill, sort, serial
+        return clear, fill, sort
+
+    def _compile_follow(self, state: State) -> Any:
+        count, items, home = self.count, self.items, self._home
+        overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
+        cell_of, finite = self.cell_of, self._finite
+
+        @ti.func
+        def take_out(a, c):
+            kept = 0
+            for slot in range(count[c]):
+                b = items[c, slot]
+                if b != a:
+                    items[c, kept] = b
+                    kept += 1
+            count[c] = kept
+
+        @ti.func
+        def put_in(a, c):
+            n = count[c]
+            if n < capacity:
+                place = n
+                while place > 0 and items[c, place - 1] > a:
+                    items[c, place] = items[c, place - 1]
+                    place -= 1
+                items[c, place] = a
+                count[c] = n + 1
+                home[a] = c
+            else:
+                overflow[None] = a
+
+        @ti.kernel
+        def follow(moved: ti.template(), number: ti.i32):
+            ti.loop_config(serialize=True)  # two may leave one cell
+            for k in range(number):
+                a = moved[k]
+                x = state.position[a]
+                if finite(x) == 0:
+                    invalid[None] = a
+                elif state.mobility[a] == REMOVED:
+                    take_out(a, home[a])
+                else:
+                    c = cell_of(x)
+                    if c != home[a]:
+                        take_out(a, home[a])
+                        put_in(a, c)
+
+        return follow
 
     def _strides(self) -> np.ndarray:
         return np.append(np.cumprod(self.shape[:0:-1])[::-1], 1)
@@ -121,11 +182,20 @@ class Cells:
         return int(math.ceil(radius / self.size - 1e-9))
 
     def build(self, warm_from: float, rest: float) -> None:
-        """Put every particle that is not removed into its cell and mark the mobile and the warm cells.
+        """Put every particle that is not removed into its cell and tell which cells are active.
 
-        A cell is warm where a temperature differs from ``rest`` [K] by more than ``warm_from`` [K].
+        Warm is a temperature that differs from ``rest`` [K] by more than ``warm_from`` [K].
         """
-        self._clear()
+        self._clear(self._schedule.plain(self.total))
         self._fill(warm_from, rest)
-        if not self._serial:  # a serial fill is in order already
+        if not self._schedule.ordered:  # a serial fill is in order already
             self._sort()
+
+    @property
+    def can_follow(self) -> bool:
+        """Whether a few particles can change their cells without a build: on a CPU, one after another."""
+        return self._schedule.ordered
+
+    def follow(self, moved: Any, number: int) -> None:
+        """Let the first ``number`` particles of the field ``moved`` change their cells; the removed ones leave."""
+        self._follow(moved, number)

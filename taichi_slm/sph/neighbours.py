@@ -1,106 +1,106 @@
 """Verlet lists over the particles that have work to do.
 
-The rows are the active particles, in three groups:
+Two sets of rows:
 
-    [0, mobile)      particles that move: flow, surface and heat
-    [mobile, flow)   still particles beside them: walls, and carriers of the surface's colour
-    [flow, total)    particles that only exchange heat
+    hot_rows [0, hot)   particles that exchange heat, and those that move; chosen by whole cells, for many steps
+    rows [0, mobile)    particles that move: flow and surface
+    rows [mobile, flow) still particles beside them: walls, and carriers of the surface's colour
 
-A row has a list of the particles within the `near` radius (flow and heat); rows below `flow` have a second one for
-the shell between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a
-particle has moved by half of it. A list among still particles is good for ever, so it is searched once.
+A row has a list of the particles within the `near` radius (flow and heat); flow rows have a second one for the shell
+between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a particle has moved
+by half of it. A list among still particles is good for ever, so it is searched once.
 """
 
 from typing import Any
 
-from taichi_slm.backend import ti
-from taichi_slm.sph.cells import CELL_MOBILE, CELL_WARM, Cells
-from taichi_slm.state import MOBILE, State
+from taichi_slm.backend import Schedule, ti
+from taichi_slm.sph.cells import Cells
+from taichi_slm.state import MOBILE, STILL, State
 
-RING = 1  # cells between the warm and the rim of the hot set
+RING = 1  # cells between the active ones and the rim of the hot set
+ANEW, FOUND, SETTLED = 0, 1, 2  # values of `listed`: search when next needed; found just now; good for ever
+HOT, CORE = 1, 2  # bits of a cell's zone
 
 
 class Neighbours:
-    """Rows and lists; ``mobile``, ``flow`` and ``total`` are the host's copies of the group ends.
+    """Rows and lists; ``mobile``, ``flow`` and ``hot`` are the host's copies of the group ends.
 
-    ``near``, ``far`` [m]: radii of the lists, with the skin; ``rim`` [m]: how far beyond the warm cells particles
+    ``near``, ``far`` [m]: radii of the lists, with the skin; ``rim`` [m]: how far beyond the active cells particles
     count as hot, which is as far as heat can come in one heat step.
     Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``.
     """
 
     def __init__(self, state: State, cells: Cells, near: float, far: float | None, rim: float, dx: float,
-                 serial: bool):  # fmt: skip
-        d = state.dimension
-        self._growth = max(0, cells.reach(rim) - cells.reach(far or near))
+                 schedule: Schedule):  # fmt: skip
+        d, n = state.dimension, state.count
+        reach = cells.reach(far or near)
+        self._growth = max(0, cells.reach(rim) - reach)
         ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
         self.near_capacity = int(1.5 * ball(near / dx)) + 12
         self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
-        self.rows = ti.field(ti.i32, shape=state.count)
-        self.core = ti.field(ti.i32, shape=state.count)  # 1: amid the warm, 0: at the rim of the hot set
-        # 1: nobody nearby moves, the near list is good for ever
-        self.listed = ti.field(ti.i32, shape=state.count)
-        self.near_count = ti.field(ti.i32, shape=state.count)
-        self.near = ti.field(ti.i32, shape=(state.count, self.near_capacity))
+        self.rows = ti.field(ti.i32, shape=n)
+        self.hot_rows = ti.field(ti.i32, shape=n)
+        self.core = ti.field(
+            ti.i32, shape=n
+        )  # of a hot row: 1 amid the active cells, 0 at the rim of the hot set
+        self.listed = ti.field(ti.i32, shape=n)
+        self.near_count = ti.field(ti.i32, shape=n)
+        self.near = ti.field(ti.i32, shape=(n, self.near_capacity))
         if far:
-            self.far_count = ti.field(ti.i32, shape=state.count)
-            self.far = ti.field(ti.i32, shape=(state.count, self.far_capacity))
-        self.ends = ti.field(ti.i32, shape=3)
+            self.far_count = ti.field(ti.i32, shape=n)
+            self.far = ti.field(ti.i32, shape=(n, self.far_capacity))
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
-        self.mobile = self.flow = self.total = 0
-        # bits: within reach of a mobile cell, of a warm cell ...
+        self.mobile = self.flow = self.hot = 0
+        self._flow_row = ti.field(ti.i32, shape=n)  # the gathering at which a particle was a flow row last
+        self._gathering = 0
+        self._ends = ti.field(ti.i32, shape=4)  # mobile, flow, hot; whether a mover has left the core
         self._zone = ti.field(ti.i32, shape=cells.total)
-        self._dilate, self._grow, self._collect = self._compile_rows(state, cells, far or near, serial)
-        self._search = self._compile_search(state, cells, near, far)
+        self._schedule, self._needs = schedule, state.needs
+        self._spread, self._grow, self._choose = self._compile_hot(state, cells, reach)
+        self._gather = self._compile_gather(state, cells, far or near, reach)
+        self._search, self._settle = self._compile_search(state, cells, near, far)
 
-    def _compile_rows(self, state: State, cells: Cells, radius: float, serial: bool) -> tuple[Any, ...]:
-        d = state.dimension
-        window, ring = cells.window(cells.reach(radius)), cells.window(RING)
-        far2 = radius**2
-        rows, core, ends, zone = self.rows, self.core, self.ends, self._zone
-        near_mobile, near_warm, beside_warm = 1, 2, 4
+    def _compile_hot(self, state: State, cells: Cells, reach: int) -> tuple[Any, Any, Any]:
+        d, window, ring = state.dimension, cells.window(reach), cells.window(RING)
+        hot_rows, core, ends, zone, ordered = (
+            self.hot_rows,
+            self.core,
+            self._ends,
+            self._zone,
+            self._schedule.ordered,
+        )
+        grown = ti.field(ti.i32, shape=cells.total)
         Corner = ti.types.vector(d, ti.f64)
 
         @ti.kernel
-        def dilate():
-            for c in zone:
+        def spread(alone: ti.template()):
+            """Hot is what the active cells reach, the core what they are next to."""
+            ti.loop_config(serialize=alone)
+            for c in range(cells.total):
                 bits = 0
-                if cells.count[c] > 0:
+                if cells.inner[c] == 1:  # empty ones, too: somebody may move there
                     for w in range(window.shape[0]):
-                        mark = cells.mark[c + window[w]]
-                        if mark & CELL_MOBILE:
-                            bits |= near_mobile
-                        if mark & CELL_WARM:
-                            bits |= near_warm
-                    if bits & near_warm:
+                        if cells.active[c + window[w]] == 1:
+                            bits = HOT
+                    if bits == HOT:
                         for w in range(ring.shape[0]):
-                            if cells.mark[c + ring[w]] & CELL_WARM:
-                                bits |= beside_warm
+                            if cells.active[c + ring[w]] == 1:
+                                bits = HOT | CORE
                 zone[c] = bits
 
         @ti.kernel
-        def grow():
+        def grow(alone: ti.template()):
             """One more ring of cells around the hot ones."""
-            for c in zone:
+            ti.loop_config(serialize=alone)
+            for c in range(cells.total):
                 grown[c] = zone[c]
-                if cells.count[c] > 0 and (zone[c] & near_warm) == 0:
+                if cells.inner[c] == 1 and zone[c] == 0:
                     for w in range(ring.shape[0]):
-                        if zone[c + ring[w]] & near_warm:
-                            grown[c] = zone[c] | near_warm
-            for c in zone:
+                        if zone[c + ring[w]] != 0:
+                            grown[c] = HOT
+            ti.loop_config(serialize=alone)
+            for c in range(cells.total):
                 zone[c] = grown[c]
-
-        @ti.func
-        def touches_mobile(a, c):
-            found = 0
-            for w in range(window.shape[0]):
-                e = c + window[w]
-                if found == 0 and (cells.mark[e] & CELL_MOBILE) != 0:
-                    for slot in range(cells.count[e]):
-                        b = cells.items[e, slot]
-                        if state.mobility[b] == MOBILE:
-                            if (state.position[a] - state.position[b]).norm_sqr() < far2:
-                                found = 1
-            return found
 
         @ti.func
         def lit(a, low, high):
@@ -111,61 +111,97 @@ class Neighbours:
                     inside = 0
             return inside
 
+        @ti.kernel
+        def choose(everything: ti.i32, low: Corner, high: Corner):
+            ends[2] = 0
+            ti.loop_config(serialize=ordered)
+            for c in range(cells.total):
+                if everything == 1:
+                    zone[c] = HOT | CORE
+                for slot in range(cells.count[c]):
+                    a = cells.items[c, slot]
+                    if zone[c] != 0 or lit(a, low, high):
+                        k = ti.atomic_add(ends[2], 1)
+                        hot_rows[k] = a
+                        core[k] = ti.cast((zone[c] & CORE) != 0, ti.i32)
+
+        return spread, grow, choose
+
+    def _compile_gather(self, state: State, cells: Cells, radius: float, reach: int) -> Any:
+        rows, hot_rows, ends, flow_row, ordered = (
+            self.rows, self.hot_rows, self._ends, self._flow_row, self._schedule.ordered,
+        )  # fmt: skip
+        window, radius2, zone = cells.window(reach), radius**2, self._zone
+        movers_at = ti.field(
+            ti.i32, shape=cells.total
+        )  # the gathering at which a cell had a mobile particle last
+        reached_at = ti.field(ti.i32, shape=cells.total)  # the same for the cells within reach of one
+        reached = ti.field(ti.i32, shape=cells.total)  # their numbers
+        found = ti.field(ti.i32, shape=())
+
         @ti.func
-        def append(group, a, amid):
-            k = ti.atomic_add(ends[group], 1)
-            rows[k] = a
-            core[k] = amid
+        def append(group, a, now):
+            rows[ti.atomic_add(ends[group], 1)] = a
+            flow_row[a] = now
+
+        @ti.func
+        def touches_mobile(a, c, now):
+            touched = 0
+            for w in range(window.shape[0]):
+                e = c + window[w]
+                if touched == 0 and movers_at[e] == now:
+                    for slot in range(cells.count[e]):
+                        b = cells.items[e, slot]
+                        if state.mobility[b] == MOBILE:
+                            if (state.position[a] - state.position[b]).norm_sqr() < radius2:
+                                touched = 1
+            return touched
 
         @ti.kernel
-        def collect(all_flow: ti.i32, all_hot: ti.i32, low: Corner, high: Corner):
+        def gather(hot: ti.i32, everything: ti.i32, now: ti.i32):
             ends[0] = 0
-            ti.loop_config(serialize=serial)
-            for c in zone:
-                if (cells.mark[c] & CELL_MOBILE) != 0:
-                    for slot in range(cells.count[c]):
-                        a = cells.items[c, slot]
-                        if state.mobility[a] == MOBILE:
-                            append(0, a, 1)
+            ends[3] = 0
+            found[None] = 0
+            ti.loop_config(serialize=ordered)
+            for k in range(hot):
+                if state.mobility[hot_rows[k]] == MOBILE:
+                    append(0, hot_rows[k], now)
             ends[1] = ends[0]
-            ti.loop_config(serialize=serial)
-            for c in zone:
-                if all_flow == 1 or (all_flow == 0 and (zone[c] & near_mobile) != 0):
-                    for slot in range(cells.count[c]):
-                        a = cells.items[c, slot]
-                        chosen[a] = 0
-                        if state.mobility[a] != MOBILE:
-                            if all_flow == 1 or touches_mobile(a, c):
-                                chosen[a] = 1
-                                append(1, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
-            ends[2] = ends[1]
-            ti.loop_config(serialize=serial)
-            for c in zone:
-                if all_hot >= 0:
-                    warm = all_hot == 1 or (zone[c] & near_warm) != 0
-                    for slot in range(cells.count[c]):
-                        a = cells.items[c, slot]
-                        if state.mobility[a] != MOBILE and (warm or lit(a, low, high)):
-                            if (
-                                all_flow < 0
-                                or (all_flow == 0 and (zone[c] & near_mobile) == 0)
-                                or chosen[a] == 0
-                            ):
-                                append(2, a, ti.cast(all_hot == 1 or (zone[c] & beside_warm) != 0, ti.i32))
+            ti.loop_config(serialize=ordered)
+            for k in range(ends[0]):
+                c = cells.cell_of(state.position[rows[k]])
+                if (zone[c] & CORE) == 0:
+                    ends[3] = 1
+                if everything == 0 and ti.atomic_max(movers_at[c], now) < now:
+                    for w in range(window.shape[0]):
+                        e = c + window[w]
+                        if cells.count[e] > 0 and ti.atomic_max(reached_at[e], now) < now:
+                            reached[ti.atomic_add(found[None], 1)] = e
+            ti.loop_config(serialize=ordered)
+            for i in range(found[None]):
+                c = reached[i]
+                for slot in range(cells.count[c]):
+                    a = cells.items[c, slot]
+                    if state.mobility[a] == STILL and touches_mobile(a, c, now):
+                        append(1, a, now)
+            ti.loop_config(serialize=ordered)
+            for a in range(everything * state.count):
+                if state.mobility[a] == STILL:
+                    append(1, a, now)
 
-        chosen = ti.field(ti.i32, shape=state.count)
-        grown = ti.field(ti.i32, shape=cells.total)
-        return dilate, grow, collect
+        return gather
 
-    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> Any:
-        needs_flow, wide_lists = state.needs.flow, far is not None
+    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> tuple[Any, Any]:
         window, near_window = cells.window(cells.reach(far or near)), cells.window(cells.reach(near))
         near2, far2 = near**2, (far or near) ** 2
-        rows, ends, listed, overflow = self.rows, self.ends, self.listed, self.overflow
-        near_capacity, far_capacity = self.near_capacity, self.far_capacity
+        rows, hot_rows, listed, overflow = self.rows, self.hot_rows, self.listed, self.overflow
+        near_capacity, far_capacity, flow_row = self.near_capacity, self.far_capacity, self._flow_row
+        needs_flow, wide = state.needs.flow, far is not None
 
         @ti.func
-        def search_near(a, x, c):
+        def search_near(a):
+            x = state.position[a]
+            c = cells.cell_of(x)
             n = 0
             for w in range(near_window.shape[0]):
                 e = c + near_window[w]
@@ -180,7 +216,9 @@ class Neighbours:
             self.near_count[a] = ti.min(n, near_capacity)
 
         @ti.func
-        def search_both(a, x, c):
+        def search_both(a):
+            x = state.position[a]
+            c = cells.cell_of(x)
             n = 0
             m = 0
             for w in range(window.shape[0]):
@@ -203,41 +241,55 @@ class Neighbours:
             self.far_count[a] = ti.min(m, far_capacity)
 
         @ti.kernel
-        def search():
+        def search(flow: ti.i32, alone: ti.template()):
             overflow[None] = -1
-            for k in range(ends[2]):
+            ti.loop_config(serialize=alone)
+            for k in range(flow):
                 a = rows[k]
-                x = state.position[a]
-                c = cells.cell_of(x)
                 if ti.static(needs_flow):
                     if state.mobility[a] == MOBILE:
-                        state.reference_position[a] = x
-                settled = k >= ends[1]  # nobody who moves is within reach
-                if ti.static(wide_lists):
-                    if not settled:
-                        search_both(a, x, c)
-                elif ti.static(needs_flow):
-                    if not settled:
-                        search_near(a, x, c)
-                if settled and listed[a] == 0:
-                    search_near(a, x, c)
-                listed[a] = ti.cast(settled, ti.i32)
+                        state.reference_position[a] = state.position[a]
+                if ti.static(wide):
+                    search_both(a)
+                else:
+                    search_near(a)
+                listed[a] = ANEW
 
-        return search
+        @ti.kernel
+        def settle(hot: ti.i32, now: ti.i32, alone: ti.template()):
+            """Nobody who moves is within reach of a hot row that is not a flow row."""
+            ti.loop_config(serialize=alone)
+            for k in range(hot):
+                a = hot_rows[k]
+                if listed[a] == ANEW and flow_row[a] != now:
+                    search_near(a)
+                    listed[a] = FOUND
 
-    def build(self, all_flow: int, all_hot: int, beam: tuple[Any, Any]) -> None:
-        """Choose the rows and search their lists.
+        return search, settle
 
-        ``all_flow``, ``all_hot``: 1 takes every particle, 0 only those with work, -1 none.
-        ``beam``: lowest and highest corner [m] of the box in which particles are lit.
-        """
-        self._dilate()
+    def choose_hot(self, everything: bool, beam: tuple[Any, Any]) -> None:
+        """Choose the hot rows from cells just built; ``beam``: corners [m] of the box in which particles are lit."""
+        alone = self._schedule.plain(self._zone.shape[0])
+        self._spread(alone)
         for _ in range(self._growth):
-            self._grow()
-        self._collect(all_flow, all_hot, *beam)
-        self.mobile, self.flow, self.total = (int(n) for n in self.ends.to_numpy())
-        self._search()
+            self._grow(alone)
+        self._choose(int(everything), *beam)
+        self.hot = int(self._ends[2])
+
+    def gather(self, everything: bool) -> bool:
+        """Choose the flow rows, or take ``everything``; False if a mobile particle has left the core of the hot set."""
+        self._gathering += 1
+        if self._needs.flow:
+            self._gather(self.hot, int(everything), self._gathering)
+            self.mobile, self.flow = int(self._ends[0]), int(self._ends[1])
+        return not (self._needs.flow and self._ends[3])
+
+    def search(self) -> None:
+        """Search the lists of the flow rows, and those of the hot ones that have none."""
+        self._search(self.flow, self._schedule.alone(self.flow))
+        if self._needs.heat:
+            self._settle(self.hot, self._gathering, self._schedule.plain(self.hot))
 
     def forget(self) -> None:
         """Search every list anew at the next build."""
-        self.listed.fill(0)
+        self.listed.fill(ANEW)
