@@ -14,6 +14,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from taichi_slm.compiler import compiler
+
 
 def _lazy(name: str) -> ModuleType:
     if name in sys.modules:
@@ -29,7 +31,7 @@ def _lazy(name: str) -> ModuleType:
 
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-ti: Any = _lazy(os.environ.get("TAICHI_SLM_KERNELS", "taichi"))
+ti: Any = _lazy(compiler())
 
 
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, debug: bool = False) -> None:

@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ import pytest
 from taichi_slm import backend
 from taichi_slm.analysis.melt_pool import groups
 from taichi_slm.backend import ti
+from taichi_slm.compiler import COMPILERS, VARIABLE
 from taichi_slm.config.load import load_config
 from taichi_slm.errors import BlowUpError
 from taichi_slm.run.driver import execute
@@ -33,6 +37,44 @@ laser:
 time: {end: 3 ms}
 output: {history_interval: 10 us, snapshot_interval: 1 ms, images: []}
 """
+
+
+COMPILED = """
+import sys, numpy as np
+from taichi_slm.compiler import COMPILERS, VARIABLE
+from taichi_slm.config.load import load_config
+from taichi_slm.run.simulation import Simulation
+sim = Simulation(load_config(sys.argv[1]).config)
+sim.advance(25e-6)
+np.savez(sys.argv[2], moving=sim.moving, temperature=sim.temperature, position=sim.position)
+"""
+
+
+def test_quadrants_compiles_the_same_numbers(tmp_path):
+    """The compilers order sums differently; the difference of a melting track has not grown beyond 1e-6 in 25 us."""
+    pytest.importorskip("quadrants")
+    (tmp_path / "tiny.yaml").write_text(TRACK)
+    found = {}
+    for compiler in COMPILERS:
+        command = [sys.executable, "-c", COMPILED, str(tmp_path / "tiny.yaml"), str(tmp_path / compiler)]
+        subprocess.run(command, check=True, env=os.environ | {VARIABLE: compiler})
+        found[compiler] = np.load(tmp_path / f"{compiler}.npz")
+    taichi, quadrants = found["taichi"], found["quadrants"]
+    assert taichi["moving"] > 10
+    assert np.abs(taichi["temperature"] / quadrants["temperature"] - 1).max() < 1e-6
+    assert np.abs(taichi["position"] - quadrants["position"]).max() < 1e-6 * 5 * UM
+    assert not np.array_equal(taichi["temperature"], quadrants["temperature"])  # it was another compiler
+
+
+def test_an_unknown_compiler_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "tiny.yaml").write_text(TRACK)
+    command = [sys.executable, "-m", "taichi_slm.cli", "run", str(tmp_path / "tiny.yaml")]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=os.environ | {VARIABLE: "gcc"}, check=False
+    )
+    assert done.returncode == 2
+    assert "TAICHI_SLM_KERNELS is gcc; it may be taichi or quadrants" in done.stderr + done.stdout
+    assert "Traceback" not in done.stderr
 
 
 def test_a_track_melts_freezes_and_is_accounted_for(tmp_path):

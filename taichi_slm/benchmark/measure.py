@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_slm.compiler import compiler
 from taichi_slm.run.run_folder import _processor as processor
 from taichi_slm.run.run_folder import package_version, read_json, source_hash
 
@@ -73,7 +74,7 @@ def machine() -> dict[str, Any]:
 
     return {
         "version": package_version(), "git": source_hash(), "python": platform.python_version(),
-        "taichi": version("taichi"), "numpy": np.__version__, "system": platform.platform(),
+        "taichi": version("taichi"), "compiler": compiler(), "numpy": np.__version__, "system": platform.platform(),
         "processor": processor(), "cores": os.cpu_count(),
     }  # fmt: skip
 

@@ -160,6 +160,6 @@ class Performance(Frozen):
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
     serial_below: Annotated[int, Field(ge=0)] = Field(
         1000,
-        description="loops over the neighbours of fewer particles run on one thread, plain loops over ten times as many",
+        description="loops over the neighbours of fewer particles run on one thread, plain ones of ten times as many",
     )
     stop_finished: bool = Field(True, description="end when the beam has passed and everything is solid")

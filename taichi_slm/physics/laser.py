@@ -127,10 +127,10 @@ class LaserBins:
             return ti.cast(w + 0.5, ti.i64)
 
         @ti.func
-        def in_window(base, first, extent):
+        def in_window(base, first):
             inside = 1
             for axis in ti.static(range(d - 1)):
-                if base[axis] < first[axis] or base[axis] + 1 >= first[axis] + extent[axis]:
+                if base[axis] < first[axis] or base[axis] + 1 >= first[axis] + self.columns[axis]:
                     inside = 0
             return inside
 
@@ -139,7 +139,7 @@ class LaserBins:
             return (ti.cast(state.position[a], ti.f64) - origin) * inverse
 
         @ti.kernel
-        def deposit(hot: ti.i32, first: Index, extent: Index, bottom: ti.f64, alone: ti.template()):
+        def deposit(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
             floor[None] = 1e30
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
@@ -153,7 +153,7 @@ class LaserBins:
                 if state.position[a][d - 1] > bottom:
                     place = place_of(a)
                     base = ti.cast(ti.floor(place), ti.i32)
-                    if in_window(base, first, extent):
+                    if in_window(base, first):
                         for corner in ti.static(corners):
                             node = base + corner
                             ti.atomic_add(weight[node], share_of(a, node, place))
@@ -189,7 +189,7 @@ class LaserBins:
                             ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
 
         @ti.kernel
-        def hand_back(hot: ti.i32, first: Index, extent: Index, bottom: ti.f64, alone: ti.template()):
+        def hand_back(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -197,13 +197,13 @@ class LaserBins:
                 if state.position[a][d - 1] > bottom:
                     place = place_of(a)
                     base = ti.cast(ti.floor(place), ti.i32)
-                    if in_window(base, first, extent):
+                    if in_window(base, first):
                         for corner in ti.static(corners):
                             node = base + corner
                             received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
                 state.laser[a] = received
 
-        self._rows, self._schedule = rows, schedule
+        self._rows, self._schedule, self._index = rows, schedule, Index
         self._deposit, self._march, self._hand_back = deposit, march, hand_back
 
     def window(self, centre: tuple[float, ...]) -> tuple[int, ...]:
@@ -230,10 +230,11 @@ class LaserBins:
         ]
         bottom = -np.inf if self.whole else self.bottom()
         alone = self._schedule.plain(hot)
-        self._deposit(hot, first, self.columns, bottom, alone)
+        node = self._index(first)
+        self._deposit(hot, node, bottom, alone)
         fraction = np.ascontiguousarray(shares(self.laser, edges))
-        self._march(first, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone)
-        self._hand_back(hot, first, self.columns, bottom, alone)
+        self._march(node, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone)
+        self._hand_back(hot, node, bottom, alone)
         return True
 
     def forget(self) -> None:

@@ -14,6 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from taichi_slm.compiler import compiler
+
 PACKAGES = (
     "taichi-slm",
     "taichi",
@@ -103,6 +105,7 @@ def _taichi(report: dict[str, Any] | None, said: str) -> list[Finding]:
     note = "" if writable else " is read-only: every run will compile its kernels anew"
     return [
         Finding("backends", backends, bool(backends)),
+        Finding("kernels compiled by", compiler()),
         Finding("taichi threads", str(report["threads"])),
         Finding(
             "kernel launch",

@@ -18,8 +18,6 @@ def backends() -> dict[str, Any]:
     from taichi_slm.backend import start, ti
 
     start("cpu")
-    from taichi.lang.misc import is_arch_supported
-
     one, wide = ti.field(ti.f64, shape=()), ti.field(ti.f64, shape=4096)
 
     @ti.kernel
@@ -34,7 +32,9 @@ def backends() -> dict[str, Any]:
     settings = ti.lang.impl.current_cfg()
     return {
         "backends": [
-            name for name in ("cpu", "cuda", "vulkan", "metal") if is_arch_supported(getattr(ti, name))
+            name
+            for name in ("cpu", "cuda", "vulkan", "metal")
+            if ti.lang.misc.is_arch_supported(getattr(ti, name))
         ],
         "serial": _launch_cost(serial, ti.sync),
         "parallel": _launch_cost(parallel, ti.sync),

@@ -14,13 +14,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from taichi_slm.compiler import compiler
 from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import make_folder, storage_error, write_text
 
-PACKAGES = ("taichi", "numpy", "scipy", "vtk", "pyvista", "meshio", "pydantic")
+PACKAGES = ("taichi", "quadrants", "numpy", "scipy", "vtk", "pyvista", "meshio", "pydantic")
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,7 @@ def provenance(
         "arch": arch,
         "precision": precision,
         "threads": threads,
+        "compiler": compiler(),
         "argv": sys.argv,
         "packages": {name: version for name in PACKAGES if (version := _version(name))},
         "machine": {

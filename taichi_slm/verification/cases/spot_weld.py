@@ -54,7 +54,7 @@ def scene(spacing: float = 50e-6, **laser: Any) -> Config:
             }
         ],
         laser=merged(beam, laser),
-        numerics={"sound_speed": 50},
+        numerics={"sound_speed": 20},
         time={"end": "16 ms"},
     )
 
