@@ -181,3 +181,19 @@ def test_what_a_wall_shows_to_a_uniform_flow(square, walls):
     assert shown == pytest.approx(np.broadcast_to(expected, shown.shape), abs=1e-12)
     deep = ~liquid_ones & (y < -2.4 * DX)  # beyond the support
     assert (sim.state.array("wall_velocity")[deep] == 0.0).all()
+
+
+def test_a_small_ball_has_the_curvature_of_a_ball(configure, liquid):
+    """R/dx 6: 2/R is more than the printed bound 1/(2 h_s), at which the pressure would not depend on the shape."""
+    radius, sigma = 50 * UM, 1.8
+    ball = {"shape": "droplet", "centre": [0.0] * 3, "radius": radius, "material": "steel"}
+    metal = liquid(density=RHO, viscosity=0.006, surface_tension=sigma)
+    config = configure(dimension=3, spacing=radius / 6, materials={"steel": metal}, bodies=[ball],
+                       physics={**FLOW_ONLY, "surface_tension": True})  # fmt: skip
+    sim = Simulation(config)
+    sim.compile()
+    sim.surface.step()
+    outermost = sim.state.array("at_surface") > 0.99
+    curvature = sim.state.array("capillary")[outermost] / sigma
+    assert curvature.mean() == pytest.approx(2 / radius, rel=0.05)  # a lattice's steps; the bound would be 17 % off
+    assert sim.ledger.clamp_counts()["curvature_clips"] == 0

@@ -5,7 +5,7 @@ Equation   n_a = 2 Sum_b V_b F r_ab over all metal, h/dx 1.8 (inward)           
            kappa_a = Sum' V_b (n^_b - n^_a) . F r_ab / Sum' V_b W, Sum' over those with a normal  (22),(23)
            kappa <- kappa / max(1 - kappa s/(d-1), 1/2), s = depth of the particle: the surface's curvature,
            not that of the parallel surface at the particle's depth
-           kappa clipped to +-1/(2 h_s)                                                          (24)
+           kappa clipped to +-(d-1)/(2 h_s), that of a ball of radius 2 h_s                      (24)
            balanced: b_a = -sigma kappa at the surface, carried inwards as the mean of the neighbours', and
            f = 2 b_a Sum_b V_b F r_ab/M, so that the pressure gradient works on (p_a + p_b - 2 b_a): a pressure equal
            to the capillary one does nothing, however the particles lie. With (25) it acts as a weak solid of about
@@ -46,7 +46,8 @@ def surface_curvature(
 
     ``depth`` is the Taichi function |grad c| -> depth below a flat surface [m].
     """
-    limit = 1.0 / (2.0 * h_surface)
+    # printed: 1/(2 h_s) in 3-D, too, where a ball of R/dx 7 has more, so that it swells without any restoring force
+    limit = ((dimension - 1) if two_sided else 1) / (2.0 * h_surface)
 
     @ti.func
     def curvature(divergence, weight, strength):
