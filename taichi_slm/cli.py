@@ -243,6 +243,40 @@ def bench(
 
 
 @app.command()
+def stress(
+    subject: Annotated[
+        list[str] | None, typer.Argument(help="edges, drift, margins; all by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of stress.json, the CSV files and the plots.")] = Path(
+        "stress"
+    ),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few settings, wide brackets: a look, not a result.")
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Searches at a time; as many as cores by default.")
+    ] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
+) -> None:
+    """Map how long a step may be before it is unstable, what it costs below, and the margin of every scene."""
+    import os
+
+    from rich.console import Console
+
+    from taichi_slm.stress.stress import chosen
+    from taichi_slm.stress.stress import stress as measure
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a table in a file is not folded to 80 columns
+    report = measure(chosen(subject or ()), out, quick, jobs or os.cpu_count() or 1, console)
+    if page is not None:
+        from taichi_slm.stress.page import write_page
+
+        write_page(report, page)
+
+
+@app.command()
 def study(
     study: Annotated[Path, typer.Argument(help="The study, a YAML file.")],
     out: Annotated[Path | None, typer.Option(help="Folder of the study; by default studies/NAME.")] = None,

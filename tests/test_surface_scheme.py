@@ -195,5 +195,7 @@ def test_a_small_ball_has_the_curvature_of_a_ball(configure, liquid):
     sim.surface.step()
     outermost = sim.state.array("at_surface") > 0.99
     curvature = sim.state.array("capillary")[outermost] / sigma
-    assert curvature.mean() == pytest.approx(2 / radius, rel=0.05)  # a lattice's steps; the bound would be 17 % off
+    assert curvature.mean() == pytest.approx(
+        2 / radius, rel=0.05
+    )  # a lattice's steps; the bound would be 17 % off
     assert sim.ledger.clamp_counts()["curvature_clips"] == 0
