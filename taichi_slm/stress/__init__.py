@@ -1,0 +1,1 @@
+"""How long a step may be: ``taichi-slm stress``."""

@@ -1,0 +1,160 @@
+"""The largest stable step of each limit.
+
+A limit is measured in a scene where it rules: sound in the drop, the column, the weld and the track; the capillary
+limit in a drop of low c0 and in the track; viscosity in a drop and a column of thick liquid; heat in the weld and
+the track. The step is then a multiple of this limit and of nothing else: the other limits of the flow are lifted,
+and "over other limits" says how many times their own default limit the longest stable step was (the edge may be
+theirs). Heat is measured without flow, at 0.4 of the laser's power (no flow carries the heat away), over the beam
+and 100 heat steps after it, with the bound on the laser's rise lifted.
+
+A multiple counts from the default factor of the limit (courant 0.4, viscous_factor 0.08, capillary_factor 0.25,
+heat_factor 0.2), in every row. It is doubled until a run is unstable, or halved until one is stable, then bisected
+on a logarithmic scale; the edge lies between "stable" and "unstable". The criterion: the run ends; at each of 40
+instants its kinetic energy is at most 3 times the largest of the reference in the same quarter of the run (or 1 %
+of the reference's largest, or, for the column, 1e-4 M g H), its speed at most 3 times the reference's (or 0.1 % of
+c0), its temperatures within the reference's range widened by a quarter on either side; no more particles are
+removed than in the reference, but for 1 % and two; the accounts of mass and energy are kept to 1e-6 and 1 %. The
+reference is the same matter at the same spacing with the default forms, in f64, at the default step of this limit.
+
+"Printed integrator" is (B.1) with the default forms, "printed forms" is configs/paper.yaml but for its steps; the
+paper's own step, 0.05 h/c0, is 0.125 of the default one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from taichi_slm.benchmark.report import Findings
+from taichi_slm.config.numerics import Numerics
+from taichi_slm.stress.processes import say, side_by_side
+from taichi_slm.stress.scenes import FACTORS, LIFTED, SCENES, Setting, stepped
+from taichi_slm.stress.search import largest_stable
+from taichi_slm.stress.watch import STEPS, Seen, watch
+from taichi_slm.verification.case import Curve
+
+PAPERS_STEP = 0.125  # 0.05 h/c0 in units of the default
+AXES: dict[str, dict[str, Setting]] = {
+    "c0": {f"c0 x {factor:g}": Setting(c0=factor) for factor in (0.5, 2.0)},
+    "delta": {f"delta {delta:g}": Setting(numerics={"delta": delta}) for delta in (0.0, 0.03, 0.3)},
+    "viscosity": {f"viscosity x {factor:g}": Setting(viscosity=factor) for factor in (0.1, 10.0)},
+    "spacing": {f"spacing x {factor:g}": Setting(spacing=factor) for factor in (1.4, 0.7)},
+    "precision": {"f32": Setting(precision="f32")},
+    "integrator": {
+        "kick-drift": Setting(numerics={"integrator": "kick_drift"}),
+        "printed integrator": Setting(numerics={"integrator": "leapfrog_printed"}),
+        "printed forms": Setting(printed=True),
+    },
+}
+THICK = {"drop": 500.0, "column": 10.0}  # viscosity x, where it rules the step
+RULING: dict[str, tuple[str, ...]] = {
+    "drop": ("sound", "viscosity"), "soft drop": ("capillary",), "column": ("sound", "viscosity"),
+    "weld": ("sound", "heat"), "track": ("sound", "capillary", "heat"),
+}  # fmt: skip
+OWN_AXES = {"sound": tuple(AXES), "capillary": ("viscosity", "spacing", "precision"),
+            "viscosity": ("spacing", "precision"), "heat": ("spacing", "precision")}  # fmt: skip
+
+
+def plan(quick: bool) -> dict[str, dict[str, Any]]:
+    """The searches by name: arguments of :func:`edge`. A quick look leaves out most axes, and the weld's."""
+    found: dict[str, dict[str, Any]] = {}
+    for scene, limits in RULING.items():
+        for limit in limits:
+            for label, setting in _settings(scene, limit, quick).items():
+                thick = THICK[scene] if limit == "viscosity" else 1.0
+                setting = Setting(**{**asdict(setting), "viscosity": thick * setting.viscosity})
+                printed = setting.printed or setting.numerics.get("integrator") == "leapfrog_printed"
+                found[f"{scene}, {limit}, {label}"] = {
+                    "scene": scene, "limit": limit, "setting": asdict(setting), "bisections": 2 if quick else 3,
+                    "first": PAPERS_STEP if printed and limit == "sound" else 1.0,
+                }  # fmt: skip
+    return found
+
+
+def _settings(scene: str, limit: str, quick: bool) -> dict[str, Setting]:
+    axes = {name: AXES[name] for name in OWN_AXES[limit]}
+    if quick:
+        axes = {name: AXES[name] for name in ("delta", "integrator") if (scene, limit) == ("drop", "sound")}
+    return {"default": Setting(), **{label: each for axis in axes.values() for label, each in axis.items()}}
+
+
+def edge(scene: str, limit: str, setting: Mapping[str, Any], bisections: int, first: float) -> dict[str, Any]:
+    """The bracket of the largest stable multiple; what ended the shortest unstable run; ratios to the other limits."""
+    chosen, forms = SCENES[scene], Setting(**setting)
+    physical = forms.physical()
+    reference = watch(stepped(chosen.build(physical), physical, limit, 1.0), chosen.start)
+    tried: dict[float, Seen] = {}
+    default = chosen.build(physical).numerics.model_dump()
+    others = {name: default[key] for name, key in FACTORS.items()}
+
+    def stable(multiple: float) -> bool:
+        config = stepped(chosen.build(forms), forms, limit, multiple)
+        cap = int(STEPS * max(1.0, 1.0 / multiple) * max(reference.steps, 100))
+        seen = watch(config, chosen.start, forms.precision, reference, chosen.still, cap)
+        tried[multiple] = seen
+        say(f"{multiple:.3g} x: {seen.failure or 'stable'} ({seen.steps} steps)")
+        return not seen.failure
+
+    if reference.failure:
+        return {"failure": f"the reference: {reference.failure}"}
+    found = largest_stable(stable, first, bisections=bisections)
+    return asdict(found) | {
+        "why": tried[found.unstable].failure if found.unstable else "",
+        "over": _over(tried[found.stable], limit, others) if found.stable else {},
+    }
+
+
+def _over(seen: Seen, limit: str, default: Mapping[str, float]) -> dict[str, float]:
+    """The longest step over the other limits with their default factors; they were lifted by a known factor."""
+    return {name: ratio * LIFTED / default[name] for name, ratio in seen.ratios.items() if name != limit}
+
+
+def compute(findings: Findings, quick: bool, jobs: int, tell: Callable[[str], None]) -> None:
+    """A table of each scene, and a plot of all."""
+    searches = plan(quick)
+    found = side_by_side("edges:edge", searches, jobs, tell)
+    for scene in RULING:
+        rows = [row(name, found[name]) for name in searches if searches[name]["scene"] == scene]
+        findings.table(f"edges_{scene.replace(' ', '_')}", f"Largest stable step: {scene}", rows)
+    for limit in OWN_AXES:
+        _plot(findings, limit, found)
+
+
+def row(name: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of the table."""
+    limit, label = name.split(", ", 2)[1:]
+    start = {"limit": limit, "setting": label}
+    if "failure" in found:
+        return start | {"why": found["failure"]}
+    factor = getattr(Numerics(), FACTORS[limit])
+    stable, above = found["stable"], found["unstable"]
+    return start | {
+        "stable": stable, "unstable": above, "as a factor": factor * stable if stable else None,
+        "over other limits": ", ".join(f"{each} {ratio:.2g}" for each, ratio in found["over"].items()),
+        "what ended it": _short(found["why"]) if stable else f"not even at {above:.3g}: {_short(found['why'])}",
+    }  # fmt: skip
+
+
+def _short(why: str) -> str:
+    """Without the names of particles and places."""
+    return "blew up" if why.startswith("blew up") and "collapsed" not in why else why
+
+
+def _plot(findings: Findings, limit: str, found: Mapping[str, Any]) -> None:
+    """Multiple of every setting; the settings stand on the axis by number, in the order of the table."""
+    curves, labels = [], ["default", *(label for axis in OWN_AXES[limit] for label in AXES[axis])]
+    for scene in RULING:
+        points = []
+        for k, label in enumerate(labels):
+            edge_found = found.get(f"{scene}, {limit}, {label}", {})
+            if edge_found.get("stable"):
+                points.append((k, edge_found["stable"]))
+        curves.append(Curve(scene, [k for k, _ in points], [value for _, value in points], "points"))
+    number = "; ".join(f"{k} {label}" for k, label in enumerate(labels))
+    findings.plot(f"edges_{limit}", f"Largest stable step over the default: {limit}", _folded(number),
+                  "multiple of the default step", curves, "y")  # fmt: skip
+
+
+def _folded(text: str, width: int = 75) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, width))
