@@ -245,7 +245,7 @@ def bench(
 @app.command()
 def stress(
     subject: Annotated[
-        list[str] | None, typer.Argument(help="edges, drift, margins; all by default.")
+        list[str] | None, typer.Argument(help="drop, column, weld, track, drift, margins; all by default.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of stress.json, the CSV files and the plots.")] = Path(
         "stress"

@@ -27,7 +27,7 @@ UNTIL: dict[str, float] = {  # [s]
     "track_100W": 120e-6, "track_150W": 100e-6, "track_200W": 100e-6, "track_doped": 120e-6, "track_tracers": 100e-6,
     "track_316L_physical": 60e-6, "track_3d": 60e-6,
 }  # fmt: skip
-QUICK = ("column_two_fluids", "droplet_thermal_cycle", "track_150W")
+QUICK = ("column_two_fluids", "track_150W")
 BASES = ("paper",)  # not scenes
 
 

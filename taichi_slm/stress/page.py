@@ -15,10 +15,12 @@ def write_page(report: dict[str, Any], page: Path) -> None:
         "How long a step may be, in the scenes of the map and in every scene that ships. The limits and their "
         "factors stand in [theory.md](theory.md), under Time.", "",
     ]  # fmt: skip
+    before = ""
     images = page.parent / "images" / "stability"
     for name, subject in report["subjects"].items():
         lines += [f"## {subject['title']}", "", f"`taichi-slm stress {name}`. {_where(subject)}", ""]
-        lines += [subject["about"], ""]
+        lines += [subject["about"], ""] if subject["about"] != before else []
+        before = subject["about"]
         draw_plots(subject, images)
         for table in subject["tables"]:
             lines += [f"### {table['title']}", "", *([table["note"], ""] if table["note"] else [])]

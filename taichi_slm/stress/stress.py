@@ -1,6 +1,7 @@
 """Map the stable steps, subject after subject; stress.json, a CSV file for every table, plots."""
 
 import difflib
+import functools
 import importlib
 import time
 from collections.abc import Sequence
@@ -15,9 +16,13 @@ from taichi_slm.benchmark.report import Findings, draw_plots, number, write_tabl
 from taichi_slm.errors import ConfigError
 from taichi_slm.output.atomic import make_folder, write_json
 from taichi_slm.run.run_folder import read_json
+from taichi_slm.stress import edges
 
 SUBJECTS = {
-    "edges": "The largest stable step of each limit",
+    "drop": "The largest stable step of each limit: the drop",
+    "column": "The largest stable step of each limit: the column",
+    "weld": "The largest stable step of each limit: the weld",
+    "track": "The largest stable step of each limit: the track",
     "drift": "Energy below the edge",
     "margins": "Margin of every shipped scene",
 }
@@ -56,10 +61,12 @@ def stress(names: Sequence[str], out: Path, quick: bool, jobs: int, console: Con
 
 def map_subject(name: str, quick: bool, jobs: int, console: Console) -> dict[str, Any]:
     """What the subject's module finds, with where, when and how."""
-    module = importlib.import_module(f"taichi_slm.stress.{name}")
+    mapped = name in edges.SUBJECTS
+    module = edges if mapped else importlib.import_module(f"taichi_slm.stress.{name}")
+    compute = functools.partial(edges.compute, name) if mapped else module.compute
     findings = Findings()
     began, started = time.perf_counter(), time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    module.compute(findings, quick, jobs, lambda line: console.print(line, highlight=False, markup=False))
+    compute(findings, quick, jobs, lambda line: console.print(line, highlight=False, markup=False))
     about = (module.__doc__ or "").split("\n\n", 1)[-1].strip()
     return {
         "title": SUBJECTS[name], "about": about, "quick": quick, "started": started,

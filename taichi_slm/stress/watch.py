@@ -54,7 +54,7 @@ class Seen:
     def quarter(self, number: int) -> float:
         """Largest kinetic energy in a quarter of the run, 0 to 3."""
         length = INSTANTS // QUARTERS
-        return max(self.kinetic[number * length : (number + 1) * length], default=0.0)
+        return float(np.max(self.kinetic[number * length : (number + 1) * length], initial=0.0))
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers."""
