@@ -77,3 +77,12 @@ def test_the_theory_explains_every_key():
                 assert same, f"{key}: {shown}, not {default}"
     for key in Physics.model_fields:
         assert key in ("flow", "heat") or f"`physics.{key}`" in text, key
+
+
+def test_every_promise_names_a_test_that_exists():
+    text = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(tests/\w+\.py)::(\w+)`", text)
+    rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| promise")]
+    assert len(named) >= len(rows) > 20
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file}: {test}"
