@@ -22,6 +22,7 @@ from taichi_slm.run.checkpoint import Slots, find_latest, latest_good
 from taichi_slm.run.progress import clock, quantity
 from taichi_slm.run.run_folder import RunFolder
 from taichi_slm.run.schedule import Every, earliest
+from taichi_slm.run.summary import doubts
 
 OUTPUT = {"images": []}
 
@@ -150,7 +151,7 @@ def test_a_run_leaves_what_is_promised(tmp_path, console, fake):
     assert list(summary) == [
         "status", "particles", "dimension", "steps", "simulated_time_s", "wall_time_s", "solver_time_s",
         "compile_time_s", "particle_steps", "peak_memory_bytes", "max_temperature_K", "max_speed_m_s",
-        "melt_pool", "energy", "mass", "momentum",
+        "melt_pool", "energy", "mass", "momentum", "doubts",
     ]  # fmt: skip
     assert list(summary["melt_pool"]) == ["length_m", "width_m", "depth_m", "track"]
     assert summary["melt_pool"]["depth_m"] == history["melt_depth_m"].max()
@@ -305,6 +306,19 @@ def test_missing_gl_names_the_package(tmp_path, monkeypatch):
     line = driver.render(RunFolder(tmp_path), fake_run.config())
     assert "libegl1" in line
     assert "libGL.so.1" in line
+
+
+def test_a_run_says_what_it_clipped_removed_or_lost():
+    row = {"surface_evaluations": 1000, "curvature_clips": 40, "singular_gradients": 9, "packing_brackets": 400,
+           "removed": 4, "energy_error": 1e-6}  # fmt: skip
+    assert doubts(row, 10_000, 96) == []
+    row |= {"curvature_clips": 60, "removed": 12, "energy_error": 0.02}
+    assert doubts(row, 10_000, 88) == [
+        "6% of the curvatures were clipped: a finer spacing may help (harmless: 5%)",
+        "12% of the molten particles left or were alone, and were removed (harmless: 5%)",
+        "2.0% of the energy is not accounted for (harmless: 0.1%)",
+    ]
+    assert doubts({"removed": 0, "energy_error": 0.0}, 0, 0) == []  # nothing melted, nothing was computed
 
 
 def test_numbers_for_people():

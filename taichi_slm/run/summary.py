@@ -1,6 +1,7 @@
 """What a run came to: summary.json and the last lines on the terminal."""
 
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,51 @@ def summarise(recorder: Recorder, status: str) -> dict[str, Any]:
             "removed": row["removed"],
         },
         "momentum": {"relative_error": row.get("momentum_error")},
+        "doubts": doubts(row, sim.particle_steps, int(recorder.sim.arrays()["ever_liquid"].sum())),
     }
+
+
+# share that is still harmless: of what, and what is said beyond it
+CLIPPED = 0.05  # curvatures; a track with splashes clips 0.4 %
+SINGULAR = 0.01  # temperature gradients
+BRACKETED = 0.05  # packing corrections; a track with splashes brackets 0.5 %
+REMOVED = 0.05  # of the particles that melted; a track at 150 W loses 1.5 %
+UNACCOUNTED = 1e-3  # energy
+
+
+def doubts(row: Mapping[str, Any], particle_steps: int, molten: int) -> list[str]:
+    """Sentences on what a run clipped, removed or lost beyond a harmless share, from its last row of the history.
+
+    ``particle_steps`` and ``molten`` (particles that melted and are still there) are what the shares are of.
+    """
+    surface = row.get("surface_evaluations")
+    shares = [
+        ("curvature_clips", surface, CLIPPED, "curvatures were clipped: a finer spacing"),
+        ("singular_gradients", surface, SINGULAR, "temperature gradients had too few neighbours"),
+        (
+            "packing_brackets",
+            particle_steps,
+            BRACKETED,
+            "packing corrections were bracketed: a larger sound speed",
+        ),
+        (
+            "removed",
+            row["removed"] + molten,
+            REMOVED,
+            "molten particles left or were alone, and were removed",
+        ),
+    ]
+    found = []
+    for name, whole, harmless, sentence in shares:
+        share = (row.get(name) or 0) / whole if whole else 0.0
+        if share > harmless:
+            advice = " may help" if ":" in sentence else ""
+            found.append(f"{share:.0%} of the {sentence}{advice} (harmless: {harmless:.0%})")
+    if row["energy_error"] > UNACCOUNTED:
+        found.append(
+            f"{row['energy_error']:.1%} of the energy is not accounted for (harmless: {UNACCOUNTED:.1%})"
+        )
+    return found
 
 
 def _track(recorder: Recorder) -> Track:
@@ -109,4 +154,5 @@ def closing_lines(recorder: Recorder, summary: dict[str, Any]) -> list[str]:
         f"mass       relative error {mass['relative_error']:.1e}, {mass['removed']:,} particles removed",
         f"cost       {summary['steps']:,} steps of {summary['particles']:,} particles in "
         f"{clock(summary['wall_time_s'])} ({costs}), memory {memory:,.0f} MB",
+        *(f"doubt      {sentence}" for sentence in summary["doubts"]),
     ]
