@@ -74,12 +74,12 @@ class State:
             self.heating_before = scalar("heating_before", ti.f64)  # [W], first stage; heat
             self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
             self.kirchhoff = scalar("kirchhoff")  # integral of k dT [W/m]; phase change
-            self.conduction_factor = scalar("conduction_factor")  # [-], of a pair's heat; factors
+            self.conduction_factor = scalar("conduction_factor")  # [-], of a pair's heat; surroundings
             self.radiated = scalar("radiated")  # [W]; heat rates
             self.evaporated = scalar("evaporated")  # [W]; heat rates
             self.laser = scalar("laser", ti.f64)  # absorbed [W]; laser
         if needs.losses:
-            self.surface_area = scalar("surface_area")  # per volume of metal [1/m]; areas
+            self.surface_area = scalar("surface_area")  # per volume of metal [1/m]; surroundings
         if needs.viscous_heating:
             self.viscous_work = scalar("viscous_work", ti.f64)  # [J] since the last heat step; momentum
         if needs.flow:

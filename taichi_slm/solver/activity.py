@@ -92,7 +92,7 @@ class Activity:
         if self.flow is not None:
             self.flow.moved[None] = 0.0
         if self.heat is not None:
-            self.heat.survey()
+            self.heat.surroundings.look()
         self.stale = self.outgrown = False
         self.builds += 1
 

@@ -1,7 +1,5 @@
 """The heat passes: rates, the time scheme, latent heat, phase.
 
-survey   factor of conduction: what the neighbours that are missing at a surface would have carried;
-         surface of a particle, for radiation and evaporation
 rates    conduction, radiation, evaporation, laser, viscous heat -> heating [W]
 account  energy accounts of a stage
 predict  state at the end of the step with the present rates
@@ -15,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.backend import ti
-from taichi_slm.physics.conduction import own_factor, pair_conduction, side_asymmetry
-from taichi_slm.physics.continuity import flat_table
+from taichi_slm.physics.conduction import pair_conduction
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import phase_setter, property_setter
-from taichi_slm.physics.radiation import area_density, radiated_flux
+from taichi_slm.physics.radiation import radiated_flux
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import MOMENTUM, Ledger
+from taichi_slm.solver.surroundings import Surroundings
 from taichi_slm.solver.timestep import stages_for
-from taichi_slm.sph.neighbours import FOUND, SETTLED, Neighbours
+from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import HELD, MOBILE, State
 
 POWERS = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")  # accounts of the heat passes
@@ -40,15 +38,14 @@ class HeatPasses:
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger, tables: MaterialTables,
                  emissivity: np.ndarray, band_heat_capacity: np.ndarray, evaporations: tuple[Any, ...],
                  alpha_viscosity: float, warm_from: float, rest: float):  # fmt: skip
-        self._rows, self._needs = rows, state.needs
+        self._rows = rows
+        self.surroundings = Surroundings(state, rows, disc)
         self._scheme = disc.numerics.heat_scheme
         self._tolerance = disc.numerics.fixed_point_tolerance
         self._sweeps = disc.numerics.fixed_point_sweeps
         self.change = ti.field(ti.f64, shape=())  # largest relative change of a fixed-point sweep
         self.sweeps = 0  # fixed-point sweeps or stages of the last step
         self._ledger, self._schedule = ledger, disc.schedule
-        self._own_moments = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
-        self._survey = self._compile_survey(state, rows, disc)
         self._rates = self._compile_rates(state, rows, disc, emissivity, evaporations)
         self._account = self._compile_account(state, rows, disc)
         self._predict, self._correct, self._stage = self._compile_scheme(
@@ -62,7 +59,7 @@ class HeatPasses:
         ``stable`` is the longest step of explicit Euler [s].
         """
         hot, plain = self._rows.hot, self._schedule.plain(self._rows.hot)
-        self.survey()
+        self.surroundings.look()
         if self._scheme == "rkl2":
             self._super_step(dt, lit, stages_for(dt / stable))
         else:
@@ -81,11 +78,6 @@ class HeatPasses:
         report = np.zeros(5)
         self._phases(hot, report)
         return report
-
-    def survey(self) -> None:
-        """Conduction factors and radiating areas of the rows near those who move, and of those whose lists are new."""
-        if self._own_moments or self._needs.losses:
-            self._survey(self._rows.hot, self._schedule.alone(self._rows.hot // 4))
 
     def _powers(self, lit: bool, dt: float) -> np.ndarray:
         """Heating of every row at the present state; returns the total powers [W] by account, shape [5]."""
@@ -123,36 +115,12 @@ class HeatPasses:
         """Let go who has melted; the lists must be built next."""
         self._release(self._rows.hot)
 
-    def _compile_survey(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        """What the neighbours say of a particle; among still particles it is found once, as their lists are."""
-        own, losses = self._own_moments, state.needs.losses
-        factor_of = _conduction_factor(state, rows, disc) if own else None
-        area_of = _radiating_area(state, rows, disc) if losses else None
-        if state.needs.heat:
-            state.conduction_factor.fill(1.0 / disc.conduction_moment)
-        expands = disc.numerics.solid_density == "true"  # the volumes of still particles change, too
-
-        @ti.kernel
-        def survey(hot: ti.i32, alone: ti.template()):
-            ti.loop_config(serialize=alone)
-            for k in range(hot):
-                a = rows.hot_rows[k]
-                if expands or rows.listed[a] != SETTLED:
-                    if ti.static(own):
-                        state.conduction_factor[a] = factor_of(a)
-                    if ti.static(losses):
-                        state.surface_area[a] = area_of(a)
-                    if rows.listed[a] == FOUND:
-                        rows.listed[a] = SETTLED
-
-        return survey
-
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
         numerics, physics = disc.numerics, disc.physics
         _, F = disc.flow_kernel.functions()
         one_material = len(emissivity) == 1
-        own = self._own_moments
+        own = numerics.conduction_correction and numerics.conduction_moment == "own"
         moment = 1.0 if own else disc.conduction_moment
         flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, moment)
         radiated = radiated_flux(disc.ambient, numerics.radiation_law)
@@ -378,57 +346,3 @@ class HeatPasses:
                     state.mobility[a] = MOBILE
 
         return phases, release
-
-
-def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> Any:
-    """The Taichi function a -> factor of its conduction from the moments of its own neighbours."""
-    _, F = disc.flow_kernel.functions()
-    factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
-
-    @ti.func
-    def of(a):
-        x = state.position[a]
-        first = x * 0.0
-        length = x[0] * 0.0
-        moment = first.outer_product(first)
-        for j in range(rows.near_count[a]):
-            b = rows.near[a, j]
-            r = x - state.position[b]
-            r2 = r.norm_sqr()
-            weight = -state.volume[b] * F(r2)
-            first += weight * r
-            length += weight * ti.sqrt(r2)
-            moment += weight * r.outer_product(r)
-        return factor(moment, first, length)
-
-    return of
-
-
-def _radiating_area(state: State, rows: Neighbours, disc: Discretisation) -> Any:
-    """The Taichi function a -> surface per volume [1/m] that radiates and evaporates."""
-    d = disc.dimension
-    corrected = disc.numerics.surface_area == "corrected"
-    density = area_density(d, flat_table(disc.flat.depth, disc.flat, disc.h_surface, disc.real))
-    W, F = disc.flow_kernel.functions()
-    at_zero = float(disc.flow_kernel.value(0.0))
-
-    @ti.func
-    def of(a):
-        result = state.colour_strength[a]
-        normal = state.normal[a]
-        if ti.static(corrected):
-            if normal.norm_sqr() > 0.5:
-                x = state.position[a]
-                divergence = x[0] * 0.0
-                weight = state.volume[a] * at_zero
-                for j in range(rows.near_count[a]):
-                    b = rows.near[a, j]
-                    r = x - state.position[b]
-                    r2 = r.norm_sqr()
-                    V_b = state.volume[b] * ti.cast(state.normal[b].norm_sqr() > 0.5, disc.real)
-                    divergence += V_b * F(r2) * (state.normal[b] - normal).dot(r)
-                    weight += V_b * W(r2)
-                result = density(result, -divergence / weight)
-        return result
-
-    return of
