@@ -312,5 +312,5 @@ def test_the_printed_forms_are_a_base(tmp_path):
     config = load_config(tmp_path / "printed.yaml").config
     assert config.numerics.integrator == "leapfrog_printed"
     assert config.numerics.solid_density == "true"
-    assert config.numerics.sound_speed == 50
+    assert config.numerics.sound_speed == 20
     assert not config.performance.skip_solid

@@ -32,7 +32,7 @@ class Numerics(Frozen):
     integrator: Literal["verlet", "kick_drift", "leapfrog_printed"] = "verlet"
     courant: PositiveNumber = Field(0.4, description="dt <= courant h/c0 (41)")
     viscous_factor: PositiveNumber = Field(
-        0.08, description="dt <= factor h^2/nu (42); 0.125 is printed and unstable"
+        0.08, description="dt <= factor h^2/nu (42); 0.125 is printed, the edge is 0.135"
     )
     capillary_factor: PositiveNumber = Field(
         0.25, description="dt <= factor sqrt(rho h_s^3/(2 pi sigma)) (43)"
