@@ -113,14 +113,10 @@ class Simulation:
         began = time.perf_counter()
         while self.time < until * (1.0 - 1e-12) and not self.finished:
             self._span(until)
-        self._search_anew()
+        self.activity.renew()
         if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
             self.activity.build()  # names who is lost
         self.solver_time_s += time.perf_counter() - began
-
-    def _search_anew(self) -> None:
-        """Have the lists built anew at the next step, so that a run resumed here has the same lists, and bits."""
-        self.activity.forget()
 
     def _span(self, until: float) -> None:
         """One heat step, and the flow steps within it; nothing once the scene is finished."""
@@ -281,7 +277,7 @@ class Simulation:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that a restart needs; the lists are built anew on both sides, so both go on with the same bits."""
-        self._search_anew()
+        self.activity.renew()
         saved = {f"state.{name}": self.state.array(name) for name in self.state.names}
         saved |= {f"ledger.{name}": getattr(self.ledger, name).to_numpy()
                   for name in ("energy", "momentum", "clamps", "removed", "removed_mass")}  # fmt: skip
@@ -314,4 +310,4 @@ class Simulation:
             self.flow_step.flow.fastest[None] = fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
-        self._search_anew()
+        self.activity.forget()

@@ -110,8 +110,16 @@ class Activity:
         self.rows.gather(self._all_flow)
         self.choices += 1
 
+    def renew(self) -> None:
+        """Choose every row anew at the next build: a run resumed here, which has to, then has the same bits.
+
+        Lists among still particles stay: searched anew they would be the same.
+        """
+        self.rows.renew()
+        self.outgrown = True
+
     def forget(self) -> None:
-        """Choose every row and search every list anew at the next build: a run resumed here then has the same bits."""
+        """Choose every row and search every list anew at the next build; for particles that were put elsewhere."""
         self.rows.forget()
         self.outgrown = True
 

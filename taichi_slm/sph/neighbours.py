@@ -58,7 +58,7 @@ class Neighbours:
         self._schedule, self._needs = schedule, state.needs
         self._spread, self._grow, self._choose = self._compile_hot(state, cells, reach)
         self._gather = self._compile_gather(state, cells, far or near, reach)
-        self._search, self._settle = self._compile_search(state, cells, near, far)
+        self._search, self._settle, self._renew = self._compile_search(state, cells, near, far)
 
     def _compile_hot(self, state: State, cells: Cells, reach: int) -> tuple[Any, Any, Any]:
         d, window, ring = state.dimension, cells.window(reach), cells.window(RING)
@@ -191,7 +191,7 @@ class Neighbours:
 
         return gather
 
-    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> tuple[Any, Any]:
+    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> tuple[Any, ...]:
         window, near_window = cells.window(cells.reach(far or near)), cells.window(cells.reach(near))
         near2, far2 = near**2, (far or near) ** 2
         rows, hot_rows, listed, overflow = self.rows, self.hot_rows, self.listed, self.overflow
@@ -265,7 +265,14 @@ class Neighbours:
                     search_near(a)
                     listed[a] = FOUND
 
-        return search, settle
+        @ti.kernel
+        def renew(alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for a in range(state.count):
+                if listed[a] == SETTLED:
+                    listed[a] = FOUND
+
+        return search, settle, renew
 
     def choose_hot(self, everything: bool, beam: tuple[Any, Any]) -> None:
         """Choose the hot rows from cells just built; ``beam``: corners [m] of the box in which particles are lit."""
@@ -289,6 +296,10 @@ class Neighbours:
         self._search(self.flow, self._schedule.alone(self.flow))
         if self._needs.heat:
             self._settle(self.hot, self._gathering, self._schedule.plain(self.hot))
+
+    def renew(self) -> None:
+        """Keep the lists among still particles, but have found anew what else is found once for them."""
+        self._renew(self._schedule.plain(self.listed.shape[0]))
 
     def forget(self) -> None:
         """Search every list anew at the next build."""
