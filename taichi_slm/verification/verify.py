@@ -35,10 +35,14 @@ def verify(cases: Sequence[Case], out: Path, jobs: int, console: Console) -> Non
     with ThreadPoolExecutor(jobs) as pool, tempfile.TemporaryDirectory() as scratch:
         threads = max(1, cores // jobs)
         running = [pool.submit(_in_its_own_process, case, Path(scratch), threads) for case in cases]
-        for future in running:
-            results.append(future.result())
-            console.print(_line(results[-1]), highlight=False)
-            write_json(report, _report(results, earlier))
+        try:
+            for future in running:
+                results.append(future.result())
+                console.print(_line(results[-1]), highlight=False)
+                write_json(report, _report(results, earlier))
+        except KeyboardInterrupt:  # what is done stands in verify.json; those that run got the signal, too
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     plots = out / "plots"
     make_folder(plots)
     from taichi_slm.verification.plots import draw
