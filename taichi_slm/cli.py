@@ -197,20 +197,24 @@ def verify(
         for each in cases:
             print(f"{each.name:28s} {each.tier:6s} {each.title}")
         return
-    from rich.console import Console
 
     from taichi_slm.verification.verify import verify as run_cases
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a table in a file is not folded to 80 columns
     try:
-        run_cases(cases, out, jobs or os.cpu_count() or 1, console)
+        run_cases(cases, out, jobs or os.cpu_count() or 1, _wide_console())
     finally:
         if page is not None and (out / "verify.json").is_file():
             from taichi_slm.verification.page import write_page
 
             write_page(out / "verify.json", page)
+
+
+def _wide_console() -> Any:
+    """A console on which the table of a file is not folded to 80 columns."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
 
 
 @app.command()
@@ -227,15 +231,9 @@ def bench(
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
 ) -> None:
     """Measure this program on this machine: time against error, passes beside C++, skips, scaling."""
-    from rich.console import Console
-
     from taichi_slm.benchmark.bench import bench as measure
-    from taichi_slm.benchmark.bench import chosen
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a table in a file is not folded to 80 columns
-    report = measure(chosen(subject or ()), out, quick, console)
+    report = measure(subject or (), out, quick, _wide_console())
     if page is not None:
         from taichi_slm.benchmark.report import write_page
 
@@ -261,15 +259,9 @@ def stress(
     """Map how long a step may be before it is unstable, what it costs below, and the margin of every scene."""
     import os
 
-    from rich.console import Console
-
-    from taichi_slm.stress.stress import chosen
     from taichi_slm.stress.stress import stress as measure
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a table in a file is not folded to 80 columns
-    report = measure(chosen(subject or ()), out, quick, jobs or os.cpu_count() or 1, console)
+    report = measure(subject or (), out, quick, jobs or os.cpu_count() or 1, _wide_console())
     if page is not None:
         from taichi_slm.stress.page import write_page
 

@@ -5,7 +5,7 @@ never a simulation.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 import pytest
@@ -14,6 +14,32 @@ from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import enthalpy_at
 
 UM = 1e-6
+TRACK: dict[str, Any] = {
+    "dimension": 2,
+    "spacing": 5 * UM,
+    "bodies": [
+        {"shape": "plate", "length": 200 * UM, "depth": 60 * UM},
+        {"shape": "powder_row", "start": 50 * UM, "length": 80 * UM, "radius": 20 * UM},
+    ],
+    "laser": {
+        "power": 60,
+        "beam_radius": 30 * UM,
+        "absorptivity": 0.35,
+        "path": [{"kind": "line", "start": [60 * UM], "end": [120 * UM], "speed": 2.0}],
+    },
+    "time": {"end": 30e-6},
+}
+
+
+def choices(model: Any) -> dict[str, list[Any]]:
+    """Field -> its values, of every field of a config that is a choice between words or a switch."""
+    found: dict[str, list[Any]] = {}
+    for name, field in model.model_fields.items():
+        if get_origin(field.annotation) is Literal:
+            found[name] = list(get_args(field.annotation))
+        elif field.annotation is bool:
+            found[name] = [False, True]
+    return found
 
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
@@ -86,23 +112,8 @@ def impose() -> Callable[..., None]:
 @pytest.fixture(scope="session")
 def track() -> Callable[..., Config]:
     """A tiny melting track of 584 particles: plate 0.2 x 0.06 mm, two grains, 60 W; changes laid over it."""
-    base = {
-        "dimension": 2,
-        "spacing": 5 * UM,
-        "bodies": [
-            {"shape": "plate", "length": 200 * UM, "depth": 60 * UM},
-            {"shape": "powder_row", "start": 50 * UM, "length": 80 * UM, "radius": 20 * UM},
-        ],
-        "laser": {
-            "power": 60,
-            "beam_radius": 30 * UM,
-            "absorptivity": 0.35,
-            "path": [{"kind": "line", "start": [60 * UM], "end": [120 * UM], "speed": 2.0}],
-        },
-        "time": {"end": 30e-6},
-    }
 
     def build(**keys: Any) -> Config:
-        return Config.model_validate(merged(base, keys))
+        return Config.model_validate(merged(TRACK, keys))
 
     return build

@@ -129,7 +129,7 @@ def test_a_point_of_a_curve_is_a_run_of_the_case():
 
 
 def test_a_process_that_fails_is_a_sentence():
-    assert "neither" in in_its_own_process("accuracy:point", case="neither", level=1)["failure"]
+    assert "neither" in in_its_own_process("benchmark.accuracy:point", case="neither", level=1)["failure"]
 
 
 def test_files_and_page(tmp_path, monkeypatch):

@@ -5,28 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from conftest import merged
+from conftest import TRACK, UM, merged
 
 from taichi_slm.config.load import load_config
 from taichi_slm.errors import BlowUpError, ConfigError
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.scenes import FLOW_ONLY
 
-UM = 1e-6
-
-TRACK = {
-    "dimension": 2,
-    "spacing": 5 * UM,
-    "bodies": [
-        {"shape": "plate", "length": 200 * UM, "depth": 60 * UM},
-        {"shape": "powder_row", "start": 50 * UM, "length": 80 * UM, "radius": 20 * UM},
-    ],
-    "laser": {
-        "power": 60, "beam_radius": 30 * UM, "absorptivity": 0.35,
-        "path": [{"kind": "line", "start": [60 * UM], "end": [120 * UM], "speed": 2.0}],
-    },
-    "time": {"end": 30e-6},
-}  # fmt: skip
 PLATE = [{"shape": "plate", "length": 200 * UM, "depth": 60 * UM}]
 ONE = {"shape": "box", "corner": [0, 0], "size": [5 * UM, 5 * UM], "temperature": 2000}
 DROP = {"shape": "droplet", "radius": 25 * UM, "temperature": 2000}

@@ -1,10 +1,10 @@
 """Every form that a config may choose compiles and runs; what may be skipped or split changes nothing that counts."""
 
 from pathlib import Path
-from typing import Literal, get_args, get_origin
 
 import numpy as np
 import pytest
+from conftest import choices
 
 from taichi_slm.analysis.melt_pool import measure
 from taichi_slm.config.load import load_config
@@ -52,13 +52,10 @@ def check_sound(found, end):
 
 def others(model):
     """Field -> its values other than the default, of every field that is a choice."""
-    found = {}
-    for name, field in model.model_fields.items():
-        if get_origin(field.annotation) is Literal:
-            found[name] = [value for value in get_args(field.annotation) if value != field.default]
-        elif field.annotation is bool:
-            found[name] = [not field.default]
-    return found
+    return {
+        name: [value for value in values if value != model.model_fields[name].default]
+        for name, values in choices(model).items()
+    }
 
 
 FORMS = [(name, value) for name, values in others(Numerics).items() for value in values]

@@ -10,7 +10,6 @@ import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from taichi_slm.output.snapshots import read_series, read_snapshot
@@ -96,4 +95,4 @@ def test_killed_and_resumed_is_the_unbroken_run(tmp_path, kills):
         assert (folder.snapshots / name).read_bytes() == (whole.snapshots / name).read_bytes()
     state, other = (json.loads(each.status.read_text())["state"] for each in (folder, whole))
     assert state == other == "done"
-    assert np.all([path.suffix == ".vtu" for path in folder.snapshots.iterdir()])  # no litter
+    assert all(path.suffix == ".vtu" for path in folder.snapshots.iterdir())  # no litter

@@ -6,6 +6,7 @@ import random
 
 import numpy as np
 import pytest
+from conftest import choices
 
 from taichi_slm.config.load import load_config
 from taichi_slm.config.numerics import Numerics
@@ -14,11 +15,9 @@ from taichi_slm.materials.library import alloy_names
 from taichi_slm.run.simulation import Simulation
 
 UM = 1e-6
-FORMS = {}  # the named choices of every form
-for _name, _field in Numerics.model_fields.items():
-    _choices = getattr(_field.annotation, "__args__", ())
-    if _choices and all(isinstance(choice, str) for choice in _choices):
-        FORMS[_name] = _choices
+FORMS = {
+    name: values for name, values in choices(Numerics).items() if True not in values
+}  # words, no switches
 PHYSICS = (
     {}, {}, {"marangoni": False}, {"radiation": False}, {"evaporation": True, "recoil": True}, {"evaporation": True},
     {"surface_tension": False, "marangoni": False}, {"flow": False}, {"viscous_heating": False}, {"recoil": True},

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from taichi_slm.benchmark.measure import in_its_own_process
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.cli import app
 from taichi_slm.errors import BlowUpError
@@ -15,7 +16,7 @@ from taichi_slm.run.simulation import Simulation
 from taichi_slm.solver.timestep import StepLimits
 from taichi_slm.stress import edges, margins, stress
 from taichi_slm.stress.page import write_page
-from taichi_slm.stress.processes import in_its_own_process, side_by_side
+from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import SCENES, Setting, stepped, with_numerics
 from taichi_slm.stress.search import largest_stable
 from taichi_slm.stress.watch import INSTANTS, Seen, fault, watch
@@ -167,7 +168,7 @@ def test_a_process_that_fails_is_a_sentence():
         "bisections": 1,
         "first": 1.0,
     }
-    assert "neither" in in_its_own_process("edges:edge", arguments, print)["failure"]
+    assert "neither" in in_its_own_process("stress.edges:edge", **arguments)["failure"]
 
 
 @pytest.mark.slow
@@ -177,7 +178,7 @@ def test_the_edge_of_the_drop():
     plan = {
         name: job for name, job in edges.plan("drop", quick=True).items() if name == "drop, sound, default"
     }
-    (found,) = side_by_side("edges:edge", plan, 1, lines.append).values()
+    (found,) = side_by_side("stress.edges:edge", plan, 1, lines.append).values()
     assert 2.0 <= found["stable"] < found["unstable"] <= 4.0
     assert len(lines) == found["runs"]
     assert edges.row("drop, sound, default", found)["as a factor"] == pytest.approx(0.4 * found["stable"])

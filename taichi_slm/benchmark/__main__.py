@@ -1,4 +1,4 @@
-"""One measurement in a process of its own: ``python -m taichi_slm.benchmark MODULE:FUNCTION ARGUMENTS FILE``."""
+"""One measurement in a new process: ``python -m taichi_slm.benchmark PACKAGE.MODULE:FUNCTION ARGUMENTS FILE``."""
 
 import importlib
 import json
@@ -12,7 +12,7 @@ def main() -> None:
     """Call the function with the arguments (JSON), and write what it returns."""
     function, arguments, target = sys.argv[1:]
     module, name = function.split(":")
-    found = getattr(importlib.import_module(f"taichi_slm.benchmark.{module}"), name)
+    found = getattr(importlib.import_module(f"taichi_slm.{module}"), name)
     write_json(Path(target), found(**json.loads(arguments)))
 
 

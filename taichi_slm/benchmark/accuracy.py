@@ -69,7 +69,7 @@ def _cycle(module: Any, resolution: int) -> float:
 
 
 def _weld(module: Any, spacing: float) -> float:
-    pool, (radius, depth) = module.weld(module.scene(spacing)), module._measured()
+    pool, (radius, depth) = module.weld(module.scene(spacing)), module.measured()
     return float(np.hypot(pool.radius / radius - 1.0, pool.depth / depth - 1.0))
 
 
@@ -97,7 +97,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
         once = [
             label for label in plan if label.startswith("paper")
         ]  # they take many times as long as the others
-        found = processes_in_turn(plan, "accuracy:point", rounds, yardstick, once)
+        found = processes_in_turn(plan, "benchmark.accuracy:point", rounds, yardstick, once)
         rows = [_row(label, runs) for label, runs in found.items()]
         add_front(rows)
         findings.table(f"accuracy_{name}", case.title, rows)

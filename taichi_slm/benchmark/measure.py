@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.compiler import compiler
-from taichi_slm.run.run_folder import _processor as processor
-from taichi_slm.run.run_folder import package_version, read_json, source_hash
+from taichi_slm.run.run_folder import package_version, processor, read_json, source_hash
 
 ENDS_WITHIN = 3600.0  # [s] of a process, or it is stopped and its failure is reported
+_SAYS = "says: "  # begins what such a process tells
 
 
 def in_turn(
@@ -79,26 +80,47 @@ def machine() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def in_its_own_process(
-    function: str, environment: Mapping[str, str] | None = None, **arguments: Any
-) -> dict[str, Any]:
-    """What ``function`` ("module:name" of this package) returns, called with ``arguments`` in a new process.
+def say(line: str) -> None:
+    """Tell the person who waits how far it is; called in a process of :func:`in_its_own_process`."""
+    print(_SAYS + line, flush=True)
 
-    Taichi is started anew, and a crash is its own: then the result is {"failure": a sentence}.
+
+def in_its_own_process(
+    function: str,
+    environment: Mapping[str, str] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    **arguments: Any,
+) -> dict[str, Any]:
+    """What ``function`` ("package.module:name" of taichi_slm) returns, called with ``arguments`` in a new process.
+
+    Taichi is started anew, and a crash is its own: then the result is {"failure": a sentence}. ``tell`` gets what the
+    function has to :func:`say` meanwhile.
     """
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch) / "result.json"
         command = [sys.executable, "-m", "taichi_slm.benchmark", function, json.dumps(arguments), str(target)]
-        try:
-            done = subprocess.run(
-                command, env=os.environ | dict(environment or {}), capture_output=True, text=True, check=False,
-                timeout=ENDS_WITHIN,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
+        stopped, said = threading.Event(), "it said nothing"
+        with subprocess.Popen(command, env=os.environ | dict(environment or {}), stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True) as process:  # fmt: skip
+
+            def end() -> None:
+                stopped.set()
+                process.kill()
+
+            stop = threading.Timer(ENDS_WITHIN, end)
+            stop.start()
+            assert process.stdout is not None
+            for line in process.stdout:
+                if line.startswith(_SAYS):
+                    tell(line[len(_SAYS) :].rstrip())
+                elif line.strip():
+                    said = line.strip()
+            process.wait()
+            stop.cancel()
+        if stopped.is_set():
             return {"failure": f"stopped after {ENDS_WITHIN:.0f} s"}
-        if done.returncode or not target.is_file():
-            said = (done.stderr.strip() or done.stdout.strip() or "it said nothing").splitlines()[-1]
-            return {"failure": f"ended with {done.returncode}: {said}"}
+        if process.returncode or not target.is_file():
+            return {"failure": f"ended with {process.returncode}: {said}"}
         return read_json(target)
 
 

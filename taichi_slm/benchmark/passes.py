@@ -10,13 +10,8 @@ from typing import Any
 from taichi_slm.backend import ti
 from taichi_slm.run.simulation import Simulation
 
-_COUNTS_ROWS = (
-    "mobile",
-    "flow",
-    "hot",
-    "count",
-    "number",
-)  # first arguments that say over how many rows a pass runs
+# first arguments that say over how many rows a pass runs
+_COUNTS_ROWS = ("mobile", "flow", "hot", "count")
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -85,25 +85,35 @@ def number(value: Cell) -> str:
 
 def write_page(report: dict[str, Any], page: Path) -> None:
     """Write ``page`` (Markdown) from the content of bench.json, its plots into images/performance/ beside it."""
-    lines = [
-        "# Performance",
-        "",
-        "This page is written by `taichi-slm bench --page docs/performance.md`; do not edit it.",
-        "",
+    head = [
+        "# Performance", "",
+        "This page is written by `taichi-slm bench --page docs/performance.md`; do not edit it.", "",
         "Every number was measured. Those of one table come from one run on one machine; what is compared was measured "
-        "in turn, and ratios are medians over the turns. Seconds drift with the machine, ratios do not.",
-        "",
-    ]
-    images = page.parent / "images" / "performance"
+        "in turn, and ratios are medians over the turns. Seconds drift with the machine, ratios do not.", "",
+    ]  # fmt: skip
+
+    def opening(name: str, subject: dict[str, Any]) -> list[str]:
+        said = [f"`taichi-slm bench {name}`, {subject['seconds']:.0f} s. ", _where(subject)]
+        return [*said, "", subject["about"], ""]
+
+    write_subjects(report, page, "performance", head, opening)
+
+
+def write_subjects(report: dict[str, Any], page: Path, images: str, head: Sequence[str],
+                   opening: Callable[[str, dict[str, Any]], list[str]]) -> None:  # fmt: skip
+    """Write ``page``: ``head``, then every subject with its ``opening`` lines, tables and plots.
+
+    The plots go into images/``images``/ beside it.
+    """
+    lines = list(head)
     for name, subject in report["subjects"].items():
-        lines += [f"## {subject['title']}", "", f"`taichi-slm bench {name}`, {subject['seconds']:.0f} s. "]
-        lines += [_where(subject), "", subject["about"], ""]
+        lines += [f"## {subject['title']}", "", *opening(name, subject)]
         for table in subject["tables"]:
             lines += [f"### {table['title']}", "", *([table["note"], ""] if table["note"] else [])]
             lines += [*_markdown(table), ""]
-        draw_plots(subject, images)
+        draw_plots(subject, page.parent / "images" / images)
         for plot in subject["plots"]:
-            lines += [f"![{plot['title']}](images/performance/{plot['name']}.png)", ""]
+            lines += [f"![{plot['title']}](images/{images}/{plot['name']}.png)", ""]
     write_text(page, "\n".join(lines).rstrip() + "\n")
 
 

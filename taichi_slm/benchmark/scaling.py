@@ -57,7 +57,7 @@ def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, An
 
 def _in_turn(jobs: dict[str, dict[str, Any]], rounds: int, yardstick: Yardstick) -> list[dict[str, Any]]:
     """A row for every job; its time also over that of the first."""
-    found = processes_in_turn(jobs, "scaling:steps", rounds, yardstick)
+    found = processes_in_turn(jobs, "benchmark.scaling:steps", rounds, yardstick)
     rows, first = [], next(iter(found.values()))
     for name, runs in found.items():
         if "failure" in runs[0] or "failure" in first[0]:
@@ -113,7 +113,8 @@ def _memory(findings: Findings, resolutions: tuple[int, int], yardstick: Yardsti
     rows = []
     for precision in ("f64", "f32"):
         few, many = (
-            in_its_own_process("scaling:memory", resolution=n, precision=precision) for n in resolutions
+            in_its_own_process("benchmark.scaling:memory", resolution=n, precision=precision)
+            for n in resolutions
         )
         yardstick.measure()
         if "failure" in few or "failure" in many:
@@ -150,9 +151,9 @@ def _start(findings: Findings, rounds: int, yardstick: Yardstick) -> None:
                 "taichi-slm --help": partial(_command, "--help"),
                 "taichi-slm validate": partial(_command, "validate", str(scene)),
                 "process to first step, no kernels in the cache":
-                    partial(in_its_own_process, "scaling:first_step", kernels),
+                    partial(in_its_own_process, "benchmark.scaling:first_step", kernels),
                 "process to first step, kernels in the cache":
-                    partial(in_its_own_process, "scaling:first_step", kernels),
+                    partial(in_its_own_process, "benchmark.scaling:first_step", kernels),
             }  # fmt: skip
             for name, action in actions.items():
                 began = time.perf_counter()

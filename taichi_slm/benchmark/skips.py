@@ -41,7 +41,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
         switches |= {f"{name} off": {name: value} for name, value in NO_SKIPS.items() if flow or _heats(name)}
         switches[ALL_OFF] = dict(NO_SKIPS)
         jobs = {name: {"switches": off, "flow": flow, "quick": quick} for name, off in switches.items()}
-        found = processes_in_turn(jobs, "skips:melt", 2 if quick else 5, yardstick)
+        found = processes_in_turn(jobs, "benchmark.skips:melt", 2 if quick else 5, yardstick)
         scene = "with flow" if flow else "heat alone"
         rows += [{"scene": scene, "skips": name, **_compared(name, found[name], found[ON])} for name in found]
     findings.table("skips", "One skip off at a time", rows, NOTE)

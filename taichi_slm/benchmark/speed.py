@@ -28,7 +28,9 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     summaries: list[dict[str, Any]] = []
     for scene, title in (("drop", "a drop"), ("track", "a melting track")):
         for precision in ("f64", "f32"):
-            found = in_its_own_process("speed:profile", scene=scene, precision=precision, quick=quick)
+            found = in_its_own_process(
+                "benchmark.speed:profile", scene=scene, precision=precision, quick=quick
+            )
             yardstick.measure()
             name = f"{scene}, {precision}"
             if "failure" in found:
@@ -44,7 +46,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
                    "The clock's own cost is the time of a step with it over that of a step without.")  # fmt: skip
     beside = []
     for precision in ("f64", "f32"):
-        found = in_its_own_process("speed:beside_cpp", precision=precision, quick=quick)
+        found = in_its_own_process("benchmark.speed:beside_cpp", precision=precision, quick=quick)
         yardstick.measure()
         beside += found.get("rows", [{"pass": found.get("failure", ""), "precision": precision}])
     findings.table("speed_cpp", "Taichi and plain C++ on the same lists, one thread", beside, peer.ABOUT)

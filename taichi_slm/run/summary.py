@@ -71,7 +71,7 @@ def doubts(row: Mapping[str, Any], particle_steps: int, molten: int) -> list[str
     """
     surface = row.get("surface_evaluations")
     shares = [
-        ("curvature_clips", surface, CLIPPED, "curvatures were clipped: a finer spacing"),
+        ("curvature_clips", surface, CLIPPED, "curvatures were clipped: a finer spacing may help"),
         ("singular_gradients", surface, SINGULAR, "temperature gradients had too few neighbours"),
         (
             "packing_brackets",
@@ -90,8 +90,7 @@ def doubts(row: Mapping[str, Any], particle_steps: int, molten: int) -> list[str
     for name, whole, harmless, sentence in shares:
         share = (row.get(name) or 0) / whole if whole else 0.0
         if share > harmless:
-            advice = " may help" if ":" in sentence else ""
-            found.append(f"{share:.0%} of the {sentence}{advice} (harmless: {harmless:.0%})")
+            found.append(f"{share:.0%} of the {sentence} (harmless: {harmless:.0%})")
     if row["energy_error"] > UNACCOUNTED:
         found.append(
             f"{row['energy_error']:.1%} of the energy is not accounted for (harmless: {UNACCOUNTED:.1%})"

@@ -11,8 +11,9 @@ once the beam is off.
 from collections.abc import Callable
 from typing import Any
 
+from taichi_slm.benchmark.measure import say
 from taichi_slm.benchmark.report import Findings
-from taichi_slm.stress.processes import say, side_by_side
+from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import SCENES, Setting, stepped
 from taichi_slm.stress.search import largest_stable
 from taichi_slm.stress.watch import watch
@@ -78,7 +79,7 @@ def compute(findings: Findings, quick: bool, jobs: int, tell: Callable[[str], No
         for form in FORMS
         if not (quick and form == "printed integrator")
     }
-    found = side_by_side("drift:ellipse", drops, jobs, tell)
+    found = side_by_side("stress.drift:ellipse", drops, jobs, tell)
     rows, curves = [], []
     for form, result in found.items():
         if "failure" in result:
@@ -105,7 +106,7 @@ def _heat(
 ) -> None:
     plan = {scene: {"scene": scene, "multiples": multiples} for scene in scenes}
     rows = []
-    for scene, result in side_by_side("drift:heat", plan, jobs, tell).items():
+    for scene, result in side_by_side("stress.drift:heat", plan, jobs, tell).items():
         if "failure" in result:
             rows.append({"scene": scene, "remark": result["failure"]})
             continue

@@ -26,9 +26,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from taichi_slm.benchmark.measure import say
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.config.numerics import Numerics
-from taichi_slm.stress.processes import say, side_by_side
+from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import FACTORS, LIFTED, SCENES, Setting, stepped
 from taichi_slm.stress.search import Bracket, largest_stable
 from taichi_slm.stress.watch import STEPS, Seen, fault, watch
@@ -130,7 +131,7 @@ def _over(seen: Seen, limit: str, default: Mapping[str, float]) -> dict[str, flo
 def compute(subject: str, findings: Findings, quick: bool, jobs: int, tell: Callable[[str], None]) -> None:
     """A table of the scene, and a plot for each limit."""
     searches = plan(subject, quick)
-    found = side_by_side("edges:edge", searches, jobs, tell)
+    found = side_by_side("stress.edges:edge", searches, jobs, tell)
     rows = [row(name, found[name]) for name in searches]
     findings.table(f"edges_{subject}", f"Largest stable step: {subject}", rows)
     for limit in dict.fromkeys(job["limit"] for job in searches.values()):

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from taichi_slm.benchmark.measure import say
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import ConfigError
-from taichi_slm.stress.processes import say, side_by_side
+from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import FACTORS, Setting, stepped
 from taichi_slm.stress.search import largest_stable
 from taichi_slm.stress.watch import STEPS, Seen, watch
@@ -84,7 +85,7 @@ def compute(findings: Findings, quick: bool, jobs: int, tell: Callable[[str], No
     names = [name for name in shipped() if not quick or name in QUICK]
     plan = {name: {"name": name, "bisections": 1 if quick else 3} for name in names}
     rows = []
-    for name, found in side_by_side("margins:margin", plan, jobs, tell).items():
+    for name, found in side_by_side("stress.margins:margin", plan, jobs, tell).items():
         if "failure" in found:
             rows.append(
                 {"scene": name, "what ended it": found["failure"], "keeps its margin": "not measured"}

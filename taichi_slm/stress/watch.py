@@ -16,8 +16,7 @@ The reference is the same scene with the default forms, in f64, at the default s
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -55,10 +54,6 @@ class Seen:
         """Largest kinetic energy in a quarter of the run, 0 to 3."""
         length = INSTANTS // QUARTERS
         return float(np.max(self.kinetic[number * length : (number + 1) * length], initial=0.0))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return asdict(self)
 
 
 def watch(config: Config, start: Callable[[Simulation], None], precision: str = "f64", reference: Seen | None = None,

@@ -82,13 +82,14 @@ def weld(config: Config) -> Pool:
                 found.largest("hottest"), found.removed_kg)  # fmt: skip
 
 
-def _measured() -> tuple[float, float]:
+def measured() -> tuple[float, float]:
+    """Radius and depth of the pool [mm]."""
     row = table("he2003_304_spot")[0]
     return row["pool_radius_mm"], row["pool_depth_mm"]
 
 
 def _show(outcome: Outcome, name: str, pool: Pool, note: str = "") -> None:
-    radius, depth = _measured()
+    radius, depth = measured()
     outcome.show(f"pool radius, {name}", pool.radius, radius, unit="mm", note=note)
     outcome.show(f"pool depth, {name}", pool.depth, depth, unit="mm", note=note)
     outcome.show(f"largest temperature, {name}", pool.hottest, unit="K")
@@ -97,14 +98,14 @@ def _show(outcome: Outcome, name: str, pool: Pool, note: str = "") -> None:
 def _plot(outcome: Outcome, name: str, pools: dict[str, Pool]) -> None:
     curves = [Curve(f"radius, {label}", pool.time, pool.radii) for label, pool in pools.items()]
     curves += [Curve(f"depth, {label}", pool.time, pool.depths, "dashed") for label, pool in pools.items()]
-    curves += [Curve("measured", [3.0, 3.0], list(_measured()), "points")]
+    curves += [Curve("measured", [3.0, 3.0], list(measured()), "points")]
     outcome.plot(name, "Spot weld, 1967 W, 3 ms", "time / ms", "pool / mm", curves)
 
 
 def coarse(outcome: Outcome) -> None:
     """The shipped scene at 50 um."""
     pool = weld(scene())
-    radius, depth = _measured()
+    radius, depth = measured()
     for name, value, exact in (("radius", pool.radius, radius), ("depth", pool.depth, depth)):
         outcome.judge(f"pool {name}, dx 50 um", value, exact, limit=0.1, unit="mm",
                       why="half a spacing is a tenth of the depth; 5 % is judged where it is finer")  # fmt: skip
@@ -118,7 +119,7 @@ def fine(outcome: Outcome) -> None:
     pools = {f"dx {round(dx / UM)} um": weld(scene(dx)) for dx in (50e-6, 1e-3 / 30, 25e-6)}
     for name, pool in pools.items():
         _show(outcome, name, pool)
-    finest, (radius, depth) = pools["dx 25 um"], _measured()
+    finest, (radius, depth) = pools["dx 25 um"], measured()
     for name, value, exact in (("radius", finest.radius, radius), ("depth", finest.depth, depth)):
         outcome.judge(f"pool {name}, finest", value, exact, limit=LIMIT, unit="mm",
                       why="equal runs scatter by 5 % in depth; the paper claims 4 % at 50 um")  # fmt: skip
