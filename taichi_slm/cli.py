@@ -128,6 +128,27 @@ def render(
 
 
 @app.command()
+def export(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    form: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="xdmf, vtk, ply, gmsh, avsucd, csv or npz.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="By default export/particles.SUFFIX in the run folder."),
+    ] = None,
+    times: Annotated[
+        str, typer.Option(metavar="WHICH", help="all, last, or a number of moments, evenly chosen.")
+    ] = "all",
+) -> None:
+    """Write the snapshots of a run in another format; the numbers of particles stay what they are."""
+    from taichi_slm.output.export import export_run
+
+    for file in export_run(run, form, out, times):
+        print(file)
+
+
+@app.command()
 def schema(
     write: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there instead.")] = None,
 ) -> None:

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+from dataclasses import replace
 
 import meshio
 import numpy as np
@@ -123,6 +124,34 @@ def test_series_lists_only_what_is_there(tmp_path):
         (0.0, "000000.vtu"),
         (2e-5, "000002.vtu"),
     ]
+
+
+def test_series_by_pyvista(tmp_path):
+    """The series as ParaView's reader meets it: every moment with its time, particles, arrays and values.
+
+    VTK has no PVD reader of its own (that one is ParaView's); PyVista's reads the list, and VTK each file.
+    """
+    import pyvista
+
+    (tmp_path / "snapshots").mkdir()
+    moments = [
+        replace(snapshot(count=2000 - 10 * number), time=number * 1e-4 / 3, step=number)
+        for number in range(4)
+    ]
+    names = [f"snapshots/{each.step:06d}.vtu" for each in moments]
+    for name, each in zip(names, moments, strict=True):
+        write_snapshot(tmp_path / name, each)
+    write_series(tmp_path / "snapshots.pvd", [(e.time, n) for e, n in zip(moments, names, strict=True)])
+    reader = pyvista.PVDReader(str(tmp_path / "snapshots.pvd"))
+    assert reader.time_values == [each.time for each in moments]
+    for each in moments:
+        reader.set_active_time_value(each.time)
+        (grid,) = reader.read()
+        assert grid.n_points == grid.n_cells == each.count
+        assert sorted(grid.point_data) == sorted(set(each.arrays) - {"position"})
+        assert grid.field_data["TimeValue"][0] == each.time
+        np.testing.assert_array_equal(grid.points[:, :2], each.arrays["position"])
+        np.testing.assert_array_equal(grid["temperature"], each.arrays["temperature"])
 
 
 def test_damaged_series(tmp_path):

@@ -10,11 +10,11 @@ import pytest
 from fake_run import FakeSimulation
 from rich.console import Console
 
-from taichi_slm.output.snapshots import Snapshot
+from taichi_slm.output.snapshots import Snapshot, spread
 from taichi_slm.render import paint
 from taichi_slm.render.frame import frame
 from taichi_slm.render.isotherm import smooth
-from taichi_slm.render.views import Clock, render_run, spread
+from taichi_slm.render.views import Clock, render_run
 from taichi_slm.run import driver
 
 PROBE = (

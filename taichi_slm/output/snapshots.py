@@ -7,15 +7,18 @@ at the head of the file and VTK's own unit labels say the same in plain words.
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import write_bytes, write_text
+
+Item = TypeVar("Item")
 
 UNITS = {
     "position": "m",
@@ -72,7 +75,7 @@ def _encode(snapshot: Snapshot) -> bytes:
     count = snapshot.count
     grid = vtkUnstructuredGrid()
     points = vtkPoints()
-    points.SetData(numpy_to_vtk(_three(snapshot.arrays["position"]), deep=True))
+    points.SetData(numpy_to_vtk(three(snapshot.arrays["position"]), deep=True))
     grid.SetPoints(points)
     cells = vtkCellArray()
     index = np.arange(count + 1, dtype=np.int64)
@@ -82,7 +85,7 @@ def _encode(snapshot: Snapshot) -> bytes:
     for name, values in snapshot.arrays.items():
         if name == "position":
             continue
-        array = numpy_to_vtk(_three(values) if values.ndim == 2 else np.ascontiguousarray(values), deep=True)
+        array = numpy_to_vtk(three(values) if values.ndim == 2 else np.ascontiguousarray(values), deep=True)
         array.SetName(name)
         if name in snapshot.units:
             array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), snapshot.units[name])
@@ -130,7 +133,7 @@ def _comment(snapshot: Snapshot) -> str:
     return f"<!-- {facts.replace('--', '- -')} -->"
 
 
-def _three(vectors: np.ndarray) -> np.ndarray:
+def three(vectors: np.ndarray) -> np.ndarray:
     """Vectors [n, 2] with a zero third component; [n, 3] unchanged."""
     if vectors.shape[1] == 3:
         return np.ascontiguousarray(vectors)
@@ -239,3 +242,13 @@ def read_series(path: Path) -> list[tuple[float, Path]]:
     return [
         (float(item.attrib["timestep"]), path.parent / item.attrib["file"]) for item in tree.iter("DataSet")
     ]
+
+
+def spread(items: Sequence[Item], most: int) -> list[Item]:
+    """At most ``most`` of ``items``, evenly chosen, with the first and the last; of one, the last."""
+    if most <= 0:
+        return []
+    if most == 1:
+        return list(items[-1:])
+    picks = np.unique(np.round(np.linspace(0, len(items) - 1, min(most, len(items)))).astype(int))
+    return [items[k] for k in picks]

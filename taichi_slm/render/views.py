@@ -11,7 +11,7 @@ from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import make_folder, write_bytes
-from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot
+from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread
 from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, frame
 from taichi_slm.render.isotherm import PlaneField, smooth
 from taichi_slm.render.overlay import draw_key, draw_scale_bar, draw_text
@@ -45,16 +45,6 @@ def render_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
         files += studio.shoot(snapshot, kinds, path.stem)
     studio.close()
     return files
-
-
-def spread(items: list[Path], most: int) -> list[Path]:
-    """At most ``most`` of ``items``, evenly chosen, with the first and the last."""
-    if most <= 0:
-        return []
-    if most == 1:
-        return items[-1:]
-    picks = np.unique(np.round(np.linspace(0, len(items) - 1, min(most, len(items)))).astype(int))
-    return [items[k] for k in picks]
 
 
 @dataclass(frozen=True)
