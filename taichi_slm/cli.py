@@ -73,7 +73,7 @@ def about(
 
 @app.command()
 def run(
-    config: Annotated[Path, typer.Argument(help="The scene, a YAML file.")],
+    config: Annotated[Path, typer.Argument(help="The scene: a YAML file, or the name of one that ships.")],
     override: Override = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; by default runs/NAME-TIME.")] = None,
     arch: Annotated[Arch, typer.Option(help="Where kernels run.")] = Arch.cpu,
@@ -104,7 +104,9 @@ def resume(
 
 @app.command()
 def validate(
-    config: Annotated[list[Path], typer.Argument(help="One or more scenes.")],
+    config: Annotated[
+        list[Path], typer.Argument(help="One or more scenes: files, or names of those that ship.")
+    ],
     override: Override = None,
 ) -> None:
     """Check scenes and say what they would take: particles, memory, steps, output. Under a second."""
@@ -112,6 +114,29 @@ def validate(
 
     for line in validate_all(config, override or ()):
         print(line)
+
+
+@app.command()
+def scenes(
+    name: Annotated[str | None, typer.Argument(help="Show this one, and what it would take.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Copy it there instead, with the files it names.")
+    ] = None,
+) -> None:
+    """List the scenes that ship, show one, or copy it out to start one's own."""
+    from taichi_slm.config import shipped
+
+    if name is None:
+        print("\n".join(shipped.list_scenes()))
+    elif write is not None:
+        for file in shipped.copy_scene(name, write):
+            print(file)
+    else:
+        from taichi_slm.run.estimate import validate_all
+
+        path = shipped.scene_path(name)
+        print(path.read_text(encoding="utf-8"))
+        print("\n".join(validate_all([path])))
 
 
 @app.command()

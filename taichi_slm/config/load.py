@@ -24,6 +24,7 @@ from taichi_slm.config.document import (
 )
 from taichi_slm.config.explain import explain
 from taichi_slm.config.schema import Config
+from taichi_slm.config.shipped import located
 from taichi_slm.errors import ConfigError
 
 LONGEST_CHAIN = 20  # files that extend one another
@@ -39,6 +40,7 @@ class LoadedConfig:
     resolved: dict[str, Any]  # every key with its value, SI
     path: Path
     warnings: tuple[str, ...] = ()  # what is allowed but probably not meant
+    bases: tuple[Path, ...] = ()  # the files it extends, nearest first
 
     @property
     def resolved_text(self) -> str:
@@ -49,11 +51,13 @@ class LoadedConfig:
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> LoadedConfig:
     """Read ``path``, the files it extends, and ``overrides`` ("laser.power=200"); validate; check.
 
-    Raises ConfigError, whose text has one line per error.
+    Where there is no file ``path``, it may be the name of a scene that ships ("track_150W"). Raises ConfigError,
+    whose text has one line per error.
     """
     problems: list[Problem] = []
+    file = located(Path(path))
     try:
-        text, tree = _read(Path(path), problems)
+        text, tree, bases = _read(file, problems)
         for override in overrides:
             tree = _set(tree, override, problems)
     except SyntaxProblemError as error:
@@ -68,7 +72,8 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> LoadedConfig
     errors, warnings = check(config, tree)
     if errors:
         raise refused(errors)
-    return LoadedConfig(config, text, config.model_dump(mode="json"), Path(path), tuple(map(str, warnings)))
+    resolved = config.model_dump(mode="json")
+    return LoadedConfig(config, text, resolved, file, tuple(map(str, warnings)), bases)
 
 
 def refused(problems: list[Problem]) -> ConfigError:
@@ -102,8 +107,8 @@ def _without_dependents(config: Config) -> Config:
 # --------------------------------------------------------------------------- files
 
 
-def _read(path: Path, problems: list[Problem]) -> tuple[str, Node]:
-    """The text of ``path``, and its tree laid over those of the files it extends."""
+def _read(path: Path, problems: list[Problem]) -> tuple[str, Node, tuple[Path, ...]]:
+    """The text of ``path``, its tree laid over those of the files it extends, and these files."""
     chain: list[Path] = []
     layers: list[Node] = []
     first = ""
@@ -137,7 +142,7 @@ def _read(path: Path, problems: list[Problem]) -> tuple[str, Node]:
     tree = layers[-1]
     for layer in reversed(layers[:-1]):
         tree = _over(tree, layer)
-    return first, tree
+    return first, tree, tuple(chain[1:])
 
 
 def file_bytes(file: Path, named: str, is_base: bool = False) -> bytes:

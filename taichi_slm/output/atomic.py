@@ -9,7 +9,7 @@ import errno
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,19 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Give ``path`` the JSON of ``value``; a number that is not finite becomes null."""
     write_text(path, json.dumps(_plain(value), indent=2, ensure_ascii=False) + "\n")
+
+
+def refuse_existing(paths: Iterable[Path]) -> None:
+    """Raise StorageError if there is anything at one of ``paths``: look at all before the first is written."""
+    for path in paths:
+        try:
+            taken = path.exists()
+        except OSError as error:
+            raise storage_error("write", path, error) from error
+        if taken:
+            raise StorageError(
+                f"{path} exists already and is never written over: name another file, or move it away"
+            )
 
 
 def make_folder(path: Path) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.errors import ConfigError, StorageError
-from taichi_slm.output.atomic import make_folder, storage_error, whole_file, write_text
+from taichi_slm.output.atomic import make_folder, refuse_existing, whole_file, write_text
 from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread, three
 
 SUFFIXES = {
@@ -63,7 +63,7 @@ def export_run(folder: Path, form: str, out: Path | None = None, times: str = "a
         targets = [out]
     else:
         targets = [out.with_name(f"{out.stem}_{path.stem}{out.suffix}") for _, path in moments]
-    _refuse_existing(targets)
+    refuse_existing(targets)
     make_folder(out.parent)
     if form == SERIES:
         _write_xdmf(out, heavy, [path for _, path in moments])
@@ -84,18 +84,6 @@ def _chosen(folder: Path, times: str) -> list[tuple[float, Path]]:
     if not series:
         raise StorageError(f"{folder} has no snapshots to export")
     return series if times == "all" else spread(series, 1 if times == "last" else int(times))
-
-
-def _refuse_existing(targets: Sequence[Path]) -> None:
-    for target in targets:
-        try:
-            taken = target.exists()
-        except OSError as error:
-            raise storage_error("write", target, error) from error
-        if taken:
-            raise StorageError(
-                f"{target} exists already and is never written over: name another --out, or move it away"
-            )
 
 
 # --------------------------------------------------------------------------- one file a moment

@@ -8,51 +8,38 @@ that does not keep it is marked.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from taichi_slm.benchmark.measure import say
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
-from taichi_slm.errors import ConfigError
+from taichi_slm.config.shipped import scene_names, scene_path
 from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import FACTORS, Setting, stepped
 from taichi_slm.stress.search import largest_stable
 from taichi_slm.stress.watch import STEPS, Seen, watch
 
 PROMISED = 1.25
-CONFIGS = Path("configs")
 UNTIL: dict[str, float] = {  # [s]
     "column_two_fluids": 1.0, "droplet_thermal_cycle": 1.0, "spot_weld_3ms": 1.5e-3, "track_50W": 150e-6,
     "track_100W": 120e-6, "track_150W": 100e-6, "track_200W": 100e-6, "track_doped": 120e-6, "track_tracers": 100e-6,
     "track_316L_physical": 60e-6, "track_3d": 60e-6,
 }  # fmt: skip
 QUICK = ("column_two_fluids", "track_150W")
-BASES = ("paper",)  # not scenes
-
-
-def shipped() -> list[str]:
-    """Names of the scenes that ship, from the folder configs/ of the working directory."""
-    names = sorted(path.stem for path in CONFIGS.glob("*.yaml") if path.stem not in BASES)
-    if not names:
-        raise ConfigError(
-            "there is no folder configs/ here: measure the margins from the folder of the repository"
-        )
-    return names
 
 
 def scene(name: str) -> Config:
     """The shipped scene, shortened."""
     overrides = [f"time.end={UNTIL[name]}"] if name in UNTIL else []
-    return load_config(CONFIGS / f"{name}.yaml", overrides).config
+    return load_config(scene_path(name), overrides).config
 
 
 def margin(name: str, bisections: int) -> dict[str, Any]:
     """The bracket of the largest stable factor of all limits, and why the shortest unstable run ended."""
     from taichi_slm.run.estimate import estimate
 
-    told = estimate(load_config(CONFIGS / f"{name}.yaml"))
+    told = estimate(load_config(scene_path(name)))
     config = scene(name)
     reference = watch(config, lambda _: None)
     say(f"1 x: {reference.failure or 'the reference'} ({reference.steps} steps)")
@@ -82,7 +69,7 @@ def margin(name: str, bisections: int) -> dict[str, Any]:
 
 def compute(findings: Findings, quick: bool, jobs: int, tell: Callable[[str], None]) -> None:
     """One row a scene."""
-    names = [name for name in shipped() if not quick or name in QUICK]
+    names = [name for name in scene_names() if not quick or name in QUICK]
     plan = {name: {"name": name, "bisections": 1 if quick else 3} for name in names}
     rows = []
     for name, found in side_by_side("stress.margins:margin", plan, jobs, tell).items():
