@@ -190,17 +190,19 @@ def schema(
 
 @app.command()
 def doctor() -> None:
-    """Look at this machine: versions, backends, launch cost, pictures, folders."""
-    from taichi_slm.run.doctor import examine
+    """Look at this machine: versions, backends, launch cost, pictures, folders; exit 1 if no run would work."""
+    from taichi_slm.run.doctor import examine, judge
 
     findings = examine()
-    from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(show_header=False, box=None)
     for finding in findings:
-        table.add_row("[green]ok[/]" if finding.good else "[red]!![/]", finding.subject, finding.value)
-    Console().print(table)
+        mark = "[green]ok[/]" if finding.good else "[red]!![/]" if finding.needed else "[yellow]--[/]"
+        table.add_row(mark, finding.subject, escape(finding.value))
+    _wide_console().print(table)
+    judge(findings)
 
 
 @app.command()

@@ -15,6 +15,12 @@ class LimitBrokenError(SlmError):
     exit_code = 1
 
 
+class UnfitMachineError(SlmError):
+    """`doctor` found that no run can work on this machine."""
+
+    exit_code = 1
+
+
 class ConfigError(SlmError):
     """The config is wrong: the message lists every error with file, line and key."""
 
