@@ -143,12 +143,24 @@ def scenes(
 def render(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     movie: Annotated[bool, typer.Option("--movie", help="A film of every snapshot (MP4) instead.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="The same as a GIF of at most 2 MB.")] = False,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Instead of output.images: temperature, state, velocity, tracer, material; in 3-D also cut, "
+            "isosurface, streamlines."
+        ),
+    ] = None,
 ) -> None:
     """Draw the snapshots of a run as pictures, into its folder renders/."""
     from taichi_slm.render.movie import film_run
     from taichi_slm.render.views import render_run
 
-    for picture in film_run(run) if movie else render_run(run):
+    if movie or gif:
+        pictures = (film_run(run, kind) if movie else []) + (film_run(run, kind, gif=True) if gif else [])
+    else:
+        pictures = render_run(run, kind)
+    for picture in pictures:
         print(picture)
 
 

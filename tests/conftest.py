@@ -4,6 +4,8 @@ Only one Simulation lives at a time (building one resets Taichi), so fixtures ha
 never a simulation.
 """
 
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any, Literal, get_args, get_origin
 
@@ -12,6 +14,7 @@ import pytest
 
 from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import enthalpy_at
+from taichi_slm.run import driver
 
 UM = 1e-6
 TRACK: dict[str, Any] = {
@@ -117,3 +120,16 @@ def track() -> Callable[..., Config]:
         return Config.model_validate(merged(TRACK, keys))
 
     return build
+
+
+PROBE = (
+    "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=[8, 8]); p.screenshot(return_img=True)"
+)
+
+
+@pytest.fixture(scope="session")
+def gl() -> None:
+    """Pictures can be made here; a test that asks for this is skipped where they cannot."""
+    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, check=False)
+    if probe.returncode != 0:
+        pytest.skip(f"no OpenGL library on this machine (apt install {driver.GL_PACKAGES})")

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
+from taichi_slm.run import driver
 from taichi_slm.scene.scene import Scene
 
 SOLIDUS, LIQUIDUS, AMBIENT = 1673.0, 1773.0, 293.0
@@ -209,3 +211,24 @@ class FakeSimulation:
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
         self.time, self.steps = float(arrays["time"][0]), int(arrays["steps"][0])
         self.ever_liquid = arrays["ever_liquid"].copy()
+
+
+def driven(out: Path, monkeypatch, **changes) -> Path:
+    """A run of the comet in ``out``: six snapshots, no pictures yet."""
+    monkeypatch.setattr(driver, "_build", lambda parsed, *_: FakeSimulation(parsed))
+    monkeypatch.setattr(driver, "render", lambda *_: "")
+    output = {"images_at_most": 3, "history_interval": 1e-5, "snapshot_interval": 2e-5}
+    parsed = config(spacing=10e-6, end=1e-4, output=output, **changes)
+    with open(out / "said.txt", "w") as file:
+        return driver.execute(loaded(parsed), out / "run", console=Console(file=file))
+
+
+def pixels(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def share(image: np.ndarray, colour) -> float:
+    """Share of the pixels close to ``colour``."""
+    return float((np.abs(image - np.asarray(colour)).max(axis=2) < 12).mean())

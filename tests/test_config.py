@@ -196,6 +196,8 @@ def test_schema_file_is_up_to_date():
         ("[0], end: [1e-3]", "[5], end: [6]", "scene.yaml:11: laser.path: the beam never meets a body."),
         ("depth: 0.1 mm", "depth: 0.1 mm, width: 1 mm",
          "scene.yaml:4: bodies.0.width: a width means nothing in 2-D."),
+        ("time:", "output: {images: [state, cut]}\ntime:",
+         "scene.yaml:12: output.images.1: a picture 'cut' exists in 3-D only."),
     ],
 )  # fmt: skip
 def test_one_mistake(old, new, line, folder):

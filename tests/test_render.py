@@ -4,53 +4,21 @@ import subprocess
 import sys
 from pathlib import Path
 
-import fake_run
 import numpy as np
 import pytest
-from fake_run import FakeSimulation
-from rich.console import Console
+from fake_run import driven, pixels, share
 
-from taichi_slm.output.snapshots import Snapshot, spread
+from taichi_slm.errors import ConfigError, StorageError
+from taichi_slm.output.snapshots import Snapshot, read_series, spread, write_series
 from taichi_slm.render import paint
 from taichi_slm.render.frame import frame
 from taichi_slm.render.isotherm import smooth
+from taichi_slm.render.movie import GIF_BYTES, film_run
 from taichi_slm.render.views import Clock, render_run
-from taichi_slm.run import driver
-
-PROBE = (
-    "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=[8, 8]); p.screenshot(return_img=True)"
-)
-
-
-@pytest.fixture(scope="module")
-def gl():
-    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, check=False)
-    if probe.returncode != 0:
-        pytest.skip(f"no OpenGL library on this machine (apt install {driver.GL_PACKAGES})")
-
-
-def run(out, monkeypatch, **changes):
-    monkeypatch.setattr(driver, "_build", lambda config, *_: FakeSimulation(config))
-    monkeypatch.setattr(driver, "render", lambda *_: "")
-    output = {"images_at_most": 3, "history_interval": 1e-5, "snapshot_interval": 2e-5}
-    parsed = fake_run.config(spacing=10e-6, end=1e-4, output=output, **changes)
-    with open(out / "said.txt", "w") as file:
-        return driver.execute(fake_run.loaded(parsed), out / "run", console=Console(file=file))
-
-
-def pixels(path):
-    from PIL import Image
-
-    return np.asarray(Image.open(path).convert("RGB")).astype(int)
-
-
-def share(image, colour):
-    """Share of the pixels close to ``colour``."""
-    return float((np.abs(image - np.asarray(colour)).max(axis=2) < 12).mean())
 
 
 def test_pictures_in_2d(tmp_path, monkeypatch, gl):
-    folder = run(tmp_path, monkeypatch)
+    folder = driven(tmp_path, monkeypatch)
     files = render_run(folder, ["temperature", "state", "velocity", "tracer", "material"])
     assert len(files) == 15
     assert files[0] == folder / "renders/temperature_000000.png"
@@ -71,7 +39,7 @@ def test_pictures_in_2d(tmp_path, monkeypatch, gl):
 
 
 def test_pictures_in_3d(tmp_path, monkeypatch, gl):
-    folder = run(tmp_path, monkeypatch, dimension=3, length=300e-6)
+    folder = driven(tmp_path, monkeypatch, dimension=3, length=300e-6)
     files = render_run(folder, ["state"])
     last = pixels(files[-1])
     assert share(last, paint.UNMELTED) > 0.1
@@ -79,7 +47,7 @@ def test_pictures_in_3d(tmp_path, monkeypatch, gl):
 
 
 def test_command(tmp_path, monkeypatch, gl):
-    folder = run(tmp_path, monkeypatch)
+    folder = driven(tmp_path, monkeypatch)
     command = [sys.executable, "-m", "taichi_slm.render", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -152,10 +120,7 @@ def test_time_stamps():
 def test_film_has_every_snapshot_and_leaves_no_part_behind(tmp_path, monkeypatch, gl):
     import imageio.v2 as imageio
 
-    from taichi_slm.output.snapshots import read_series
-    from taichi_slm.render.movie import film_run
-
-    folder = run(tmp_path, monkeypatch)
+    folder = driven(tmp_path, monkeypatch)
     (film,) = film_run(folder, ["state"])
     assert film == folder / "renders/state.mp4"
     assert not list((folder / "renders").glob("*.part.mp4"))
@@ -163,3 +128,68 @@ def test_film_has_every_snapshot_and_leaves_no_part_behind(tmp_path, monkeypatch
         frames = [np.asarray(image) for image in reader]
     assert len(frames) == len(read_series(folder / "snapshots.pvd"))
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100  # something happens
+
+
+def test_gif_has_every_snapshot_and_the_colours_of_the_picture(tmp_path, monkeypatch, gl):
+    from PIL import Image, ImageSequence
+
+    folder = driven(tmp_path, monkeypatch)
+    (film,) = film_run(folder, ["state"], gif=True)
+    assert film == folder / "renders/state.gif"
+    assert film.stat().st_size < GIF_BYTES
+    with Image.open(film) as gif:
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(gif)]
+    assert len(frames) == len(read_series(folder / "snapshots.pvd"))
+    picture = pixels(render_run(folder, ["state"])[-1])
+    for colour in (paint.UNMELTED, paint.LIQUID, paint.RESOLIDIFIED):
+        # edges, which are mixed colours, are a larger part of a narrower picture: the rest is the same
+        assert share(frames[-1], colour) == pytest.approx(share(picture, colour), rel=0.3)
+
+
+def test_a_gif_gets_narrower_until_it_fits(tmp_path, monkeypatch):
+    from PIL import Image
+
+    from taichi_slm.render import movie
+
+    noise = np.random.default_rng(0).integers(0, 255, (300, 900, 3), dtype=np.uint8)  # does not compress
+    widths = {}
+    for most in (10**9, 100_000, 1):
+        monkeypatch.setattr(movie, "GIF_BYTES", most)
+        film = movie._Gif(tmp_path / "noise.gif")
+        film.add(noise)
+        film.finish()
+        widths[most] = Image.open(tmp_path / "noise.gif").width
+        assert film.path.stat().st_size <= most or widths[most] == 320
+    assert widths[10**9] == 800
+    assert 320 < widths[100_000] < 800
+    assert widths[1] == 320
+
+
+@pytest.mark.parametrize("kind", ["cut", "isosurface", "streamlines", "temprature"])
+def test_a_picture_that_there_is_not_is_a_sentence(tmp_path, monkeypatch, kind):
+    folder = driven(tmp_path, monkeypatch)
+    with pytest.raises(ConfigError) as raised:
+        render_run(folder, [kind])
+    said = str(raised.value)
+    assert said.count("\n") == 0
+    assert kind in said
+    assert ("3-D only" in said) == (kind != "temprature")
+    with pytest.raises(ConfigError):
+        film_run(folder, [kind])
+    shown = subprocess.run(
+        [sys.executable, "-m", "taichi_slm.cli", "render", str(folder), "--kind", kind],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (shown.returncode, shown.stderr) == (2, said + "\n")
+
+
+def test_a_run_without_snapshots_is_a_sentence(tmp_path, monkeypatch):
+    folder = driven(tmp_path, monkeypatch)
+    for path in (folder / "snapshots").iterdir():
+        path.unlink()
+    write_series(folder / "snapshots.pvd", [])
+    for draw in (render_run, film_run):
+        with pytest.raises(StorageError, match="no snapshots to draw"):
+            draw(folder)

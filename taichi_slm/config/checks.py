@@ -11,6 +11,7 @@ from taichi_slm.config.document import Node, Problem
 from taichi_slm.config.explain import closest
 from taichi_slm.config.extent import Extent, bodies_extent, particles_about
 from taichi_slm.config.schema import (
+    ONLY_3D,
     AnyBody,
     Box,
     Config,
@@ -53,6 +54,7 @@ def check(config: Config, tree: Node) -> tuple[list[Problem], list[Problem]]:
         _body(config, body, ("bodies", number), findings)
     _size(config, findings)
     _times(config, findings)
+    _pictures(config, findings)
     if not findings.errors:  # what follows measures the scene
         _domain(config, findings)
     if config.laser is not None:
@@ -233,6 +235,12 @@ def _times(config: Config, findings: _Findings) -> None:
     limits = config.output.temperature_range
     if limits is not None and limits[0] >= limits[1]:
         findings.error(("output", "temperature_range"), f"{limits[0]:g} K is not below {limits[1]:g} K")
+
+
+def _pictures(config: Config, findings: _Findings) -> None:
+    for number, kind in enumerate(config.output.images):
+        if config.dimension == 2 and kind in ONLY_3D:
+            findings.error(("output", "images", number), f"a picture '{kind}' exists in 3-D only")
 
 
 def _domain(config: Config, findings: _Findings) -> None:

@@ -242,14 +242,22 @@ class RunTime(Frozen):
     )
 
 
+Picture = Literal[
+    "temperature", "state", "velocity", "tracer", "material", "cut", "isosurface", "streamlines"
+]
+ONLY_3D: tuple[Picture, ...] = ("cut", "isosurface", "streamlines")
+
+
 class Output(Frozen):
     """What is written, and how often in simulated time."""
 
     history_interval: PositiveTime | None = Field(None, description="default: end / 400")
     snapshot_interval: PositiveTime | None = Field(None, description="default: end / 40")
     checkpoint_interval: PositiveTime | None = Field(None, description="default: end / 10")
-    images: list[Literal["temperature", "state", "velocity", "tracer", "material"]] = Field(
-        default_factory=lambda: ["temperature", "state"]  # type: ignore[arg-type]
+    images: list[Picture] = Field(
+        default_factory=lambda: ["temperature", "state"],  # type: ignore[arg-type]
+        description="kinds of pictures; the last three in 3-D only: the section y = 0, the surface of the melting "
+        "temperature, streamlines of the melt",
     )
     images_at_most: Annotated[int, Field(ge=0)] = Field(
         12, description="snapshots that become pictures at the end of a run"

@@ -23,6 +23,11 @@ class Frame:
     up: np.ndarray
 
     @property
+    def solid(self) -> bool:
+        """Whether the scene is 3-D, with z as its height; in a 2-D one that is y."""
+        return bool(self.up[2] > 0.0)
+
+    @property
     def towards(self) -> np.ndarray:
         """Unit vector from the scene to the camera."""
         return np.cross(self.right, self.up)
@@ -44,13 +49,16 @@ class Frame:
         return flat * self.scale + 0.5 * np.array(self.window)
 
 
-def frame(points: np.ndarray, margin: float) -> Frame:
-    """The frame that shows ``points`` [m], shape [n, dimension], and ``margin`` [m] round them, tightly."""
+def frame(points: np.ndarray, margin: float, elevation: float = ELEVATION) -> Frame:
+    """The frame that shows ``points`` [m], shape [n, dimension], and ``margin`` [m] round them, tightly.
+
+    In 3-D the camera stands in front (at negative y), ``elevation`` above the horizon [rad].
+    """
     right, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
     else:
-        up = np.array([0.0, np.sin(ELEVATION), np.cos(ELEVATION)])
+        up = np.array([0.0, np.sin(elevation), np.cos(elevation)])
     towards = np.cross(right, up)
     seen = points @ np.stack([right, up, towards], axis=1)
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -5,9 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from taichi_slm.render.frame import FOOTER, MARGIN, Frame
+from taichi_slm.render.grid import REACH, sample
+from taichi_slm.render.overlay import draw_text
+from taichi_slm.render.paint import Scales
+
 CELL = 0.5  # grid spacing [dx]
-REACH = 2.0  # radius of the kernel [dx]
-FILLED = 0.33  # a grid point counts as metal above this share of a full neighbourhood
+THIN_STEP = 500.0  # between the thin isotherms [K]
+LABELLED = 150  # isotherms at least this wide carry their temperature [px]
 
 
 @dataclass(frozen=True)
@@ -28,54 +33,86 @@ class PlaneField:
         return [line for line in generator.lines(level) if len(line) > 1]
 
 
-def smooth(
-    plane: np.ndarray, values: np.ndarray, spacing: float, above: float, distance: np.ndarray | None = None
-) -> PlaneField | None:
-    """Smooth ``values`` [n] of particles at ``plane`` [m], shape [n, 2], where they exceed ``above``.
+def smooth(position: np.ndarray, values: np.ndarray, spacing: float, above: float) -> PlaneField | None:
+    """Smooth ``values`` [n] of particles at ``position`` [m], shape [n, dimension], where they exceed ``above``.
 
-    ``distance`` [m], shape [n], is how far a particle lies off the plane (3-D). None if nothing is that warm.
+    In 3-D the plane is y = 0. None if nothing near it is that warm.
     """
     reach = REACH * spacing
-    near = np.ones(len(values), dtype=bool) if distance is None else np.abs(distance) < reach
-    warm = near & (values > above)
+    low, high = np.zeros(position.shape[1]), np.zeros(position.shape[1])
+    warm = values > above
+    if len(low) == 3:
+        warm = warm & (np.abs(position[:, 1]) < reach)
     if not warm.any():
         return None
-    low, high = plane[warm].min(axis=0) - 2 * reach, plane[warm].max(axis=0) + 2 * reach
-    near &= ((plane >= low) & (plane <= high)).all(axis=1)
-    position, quantity = plane[near], values[near]
-    off = np.zeros(len(position)) if distance is None else distance[near]
+    ends = [0, -1]
+    low[ends] = position[warm][:, ends].min(axis=0) - 2 * reach
+    high[ends] = position[warm][:, ends].max(axis=0) + 2 * reach
+    grid = sample(position, low, high, CELL * spacing, spacing)
+    shape = (len(grid.axes[0]), len(grid.axes[-1]))
+    field = np.ma.MaskedArray(grid.mean(values), ~grid.metal).reshape(shape)
+    return PlaneField(across=grid.axes[0], up=grid.axes[-1], values=field.T)
 
-    cell = CELL * spacing
-    columns, rows = np.ceil((high - low) / cell).astype(int) + 1
-    home = np.round((position - low) / cell).astype(int)
-    steps = np.arange(-int(reach / cell), int(reach / cell) + 1)
-    weight_sum = np.zeros(rows * columns)
-    value_sum = np.zeros(rows * columns)
-    for i in steps:
-        for j in steps:
-            column, row = home[:, 0] + i, home[:, 1] + j
-            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-            gap = (column * cell + low[0] - position[:, 0]) ** 2 + (row * cell + low[1] - position[:, 1]) ** 2
-            weight = np.where(inside, _kernel(np.sqrt(gap + off**2) / reach), 0.0)
-            index = np.where(inside, row * columns + column, 0)
-            weight_sum += np.bincount(index, weight, len(weight_sum))
-            value_sum += np.bincount(index, weight * quantity, len(value_sum))
-    metal = weight_sum > FILLED * _full(distance is not None)
-    grid = np.divide(value_sum, weight_sum, out=np.zeros_like(value_sum), where=metal)
-    return PlaneField(
-        across=low[0] + cell * np.arange(columns),
-        up=low[1] + cell * np.arange(rows),
-        values=np.ma.MaskedArray(grid, ~metal).reshape(rows, columns),
+
+def draw_isotherms(
+    plotter: Any, field: PlaneField, view: Frame, spacing: float, scales: Scales, thin: bool
+) -> None:
+    """The melting point as a thick line on ``field``, and the round temperatures as ``thin`` ones, with labels."""
+    if scales.melting is None:
+        return
+    if thin:
+        for level in np.arange(THIN_STEP, scales.temperature[1], THIN_STEP):
+            lines = field.lines(level)
+            _draw_lines(plotter, lines, view, spacing, 1.4, (0.15, 0.15, 0.15))
+            if level < scales.melting:
+                _label(plotter, lines, level, view)
+    melting = field.lines(scales.melting)
+    _draw_lines(plotter, melting, view, spacing, 6.0, (1.0, 1.0, 1.0))
+    _draw_lines(plotter, melting, view, spacing, 3.0, (0.0, 0.0, 0.0))
+
+
+def _draw_lines(
+    plotter: Any,
+    lines: list[np.ndarray],
+    view: Frame,
+    spacing: float,
+    width: float,
+    colour: tuple[float, ...],
+) -> None:
+    """The polylines of a plane, ``width`` [px] thick, in front of the particles; thin ones over thick ones."""
+    import pyvista as pv
+
+    if not lines:
+        return
+    points = _in_space(np.concatenate(lines), view)
+    points += spacing * (1.0 + 0.05 * (6.0 - width)) * view.towards
+    cells, start = [], 0
+    for line in lines:
+        cells += [len(line), *range(start, start + len(line))]
+        start += len(line)
+    plotter.add_mesh(
+        pv.PolyData(points, lines=np.array(cells)),
+        color=colour,
+        line_width=width,
+        lighting=False,
+        render=False,
     )
 
 
-def _kernel(q: np.ndarray) -> np.ndarray:
-    """Wendland C2 of q = distance / radius, not normalised."""
-    return np.maximum(0.0, 1.0 - q) ** 4 * (4.0 * q + 1.0)
+def _label(plotter: Any, lines: list[np.ndarray], level: float, view: Frame) -> None:
+    """Write ``level`` where the longest of ``lines`` is lowest."""
+    if not lines:
+        return
+    line = max(lines, key=len)
+    lowest = line[np.argmin(line[:, 1])]
+    x, y = view.pixels(_in_space(lowest[None], view))[0]
+    x = float(np.clip(x, 2.5 * MARGIN, view.window[0] - 2.5 * MARGIN))
+    if np.ptp(line[:, 0]) * view.scale > LABELLED and y > FOOTER + MARGIN:
+        draw_text(plotter, f"{level:.0f} K", (x, y - 13), 22, "centre", backed=True)
 
 
-def _full(solid_body: bool) -> float:
-    """Sum of the kernel over a whole lattice; in 3-D the plane lies half-way between two layers."""
-    k = np.arange(-3, 4)
-    axes = np.meshgrid(k, k, k - 0.5 if solid_body else [0.0])
-    return float(_kernel(np.sqrt(sum(a**2 for a in axes)) / REACH).sum())
+def _in_space(flat: np.ndarray, view: Frame) -> np.ndarray:
+    """Points [m], shape [n, 2], of the plane z = 0 of a 2-D scene, or of y = 0 of a 3-D one, shape [n, 3]."""
+    points = np.zeros((len(flat), 3))
+    points[:, 0], points[:, 2 if view.solid else 1] = flat[:, 0], flat[:, 1]
+    return points

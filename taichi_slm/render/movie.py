@@ -1,45 +1,117 @@
-"""A run as a film: every snapshot, one MP4 for each kind of picture."""
+"""A run as a film: every snapshot, one MP4 or GIF for each kind of picture."""
 
+import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from taichi_slm.config.load import load_config
-from taichi_slm.errors import StorageError
-from taichi_slm.output.atomic import make_folder, storage_error
-from taichi_slm.output.snapshots import read_series, read_snapshot
-from taichi_slm.render.views import Studio
+import numpy as np
+
+from taichi_slm.output.atomic import make_folder, storage_error, write_bytes
+from taichi_slm.output.snapshots import read_snapshot
+from taichi_slm.render.views import Studio, open_run
 
 FRAMES_PER_SECOND = 12
+GIF_BYTES = 2_000_000  # a GIF larger than this is made again, narrower
+GIF_WIDTHS = (800, 640, 500, 400, 320)  # tried in turn [px]
+GIF_COLOURS = 96
 
 
-def film_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
-    """Film the run in ``folder`` into renders/KIND.mp4; ``images`` replaces output.images. Returns the files."""
-    import imageio.v2 as imageio
+def film_run(folder: Path, images: Sequence[str] | None = None, gif: bool = False) -> list[Path]:
+    """Film the run in ``folder`` into renders/KIND.mp4, or .gif; ``images`` replaces output.images. Returns the files.
 
-    config = load_config(folder / "config.resolved.yaml").config
-    snapshots = [read_snapshot(path) for _, path in read_series(folder / "snapshots.pvd")]
-    if not snapshots:
-        raise StorageError(f"{folder} has no snapshots to film")
-    kinds = list(config.output.images if images is None else images)
+    A ``gif`` is as wide as :data:`GIF_BYTES` lets it be; the narrowest is written whatever its size.
+    """
+    config, kinds, series = open_run(folder, images)
+    snapshots = [read_snapshot(path) for path in series]
     make_folder(folder / "renders")
     studio = Studio(folder, config, snapshots)
-    files = [folder / "renders" / f"{kind}.mp4" for kind in kinds]
-    unfinished = [path.with_suffix(".part.mp4") for path in files]
+    files = [folder / "renders" / f"{kind}.{'gif' if gif else 'mp4'}" for kind in kinds]
+    films: list[Any] = [(_Gif if gif else _Mp4)(path) for path in files]
     try:
-        writers = {
-            kind: imageio.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=2)
-            for kind, path in zip(kinds, unfinished, strict=True)
-        }
         for snapshot in snapshots:
-            for kind, image in studio.draw(snapshot, kinds):
-                writers[kind].append_data(image)
-        for writer in writers.values():
-            writer.close()
-        for path, final in zip(unfinished, files, strict=True):
-            os.replace(path, final)
+            for film, (_, image) in zip(films, studio.draw(snapshot, kinds), strict=True):
+                film.add(image)
+        for film in films:
+            film.finish()
     except OSError as error:
         raise storage_error("write into", folder / "renders", error) from error
     finally:
         studio.close()
     return files
+
+
+class _Mp4:
+    """Frames go to the encoder at once, and the file gets its name when it is whole."""
+
+    def __init__(self, path: Path) -> None:
+        import imageio.v2 as imageio
+
+        self.path, self.part = path, path.with_suffix(".part.mp4")
+        try:
+            self.writer = imageio.get_writer(self.part, fps=FRAMES_PER_SECOND, macro_block_size=2)
+        except OSError as error:
+            raise storage_error("write", path, error) from error
+
+    def add(self, image: np.ndarray) -> None:
+        """Append a frame, uint8, shape [height, width, 3]."""
+        self.writer.append_data(image)
+
+    def finish(self) -> None:
+        """Close the file."""
+        self.writer.close()
+        os.replace(self.part, self.path)
+
+
+class _Gif:
+    """Frames are kept, at the largest width, until the width is known that fits."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.frames: list[Any] = []
+
+    def add(self, image: np.ndarray) -> None:
+        """Append a frame, uint8, shape [height, width, 3]."""
+        from PIL import Image
+
+        self.frames.append(_narrowed(Image.fromarray(image), GIF_WIDTHS[0]))
+
+    def finish(self) -> None:
+        """Write the file."""
+        for width in GIF_WIDTHS:
+            data = animation([_narrowed(frame, width) for frame in self.frames])
+            if len(data) <= GIF_BYTES:
+                break
+        write_bytes(self.path, data)
+
+
+def animation(frames: list[Any]) -> bytes:
+    """``frames``, PIL images in RGB of one size, as an endless GIF with one palette for all."""
+    from PIL import Image
+
+    wide, high = frames[0].size
+    some = frames[:: max(1, len(frames) // 8)][-9:]
+    strip = Image.new("RGB", (wide, high * len(some)))
+    for number, frame in enumerate(some):
+        strip.paste(frame, (0, number * high))
+    palette = strip.quantize(GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=2)
+    drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    buffer = io.BytesIO()
+    drawn[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=drawn[1:],
+        loop=0,
+        duration=1000 // FRAMES_PER_SECOND,
+    )
+    return buffer.getvalue()
+
+
+def _narrowed(image: Any, width: int) -> Any:
+    from PIL import Image
+
+    if image.width <= width:
+        return image
+    return image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)

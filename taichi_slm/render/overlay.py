@@ -83,7 +83,8 @@ def draw_key(plotter: Any, key: Key, left: float, bottom: float, width: float) -
         x += long + 48
     at = max(x, left + 24.0 + LETTER * TEXT * len(key.title))
     for thickness, label in key.lines:
-        _draw_line(plotter, at, at + 46, upper + 15 - 0.5 * thickness, upper + 15 + 0.5 * thickness)
+        if thickness:
+            _draw_line(plotter, at, at + 46, upper + 15 - 0.5 * thickness, upper + 15 + 0.5 * thickness)
         draw_text(plotter, label, (at + 58, upper + 2), SMALL)
         at += 58 + LETTER * SMALL * len(label) + 34
     for colour, label in key.swatches:

@@ -38,6 +38,8 @@ class Scales:
     materials: tuple[str, ...]
     tracers: int  # largest group
     melting: float | None  # [K]
+    flow: float = 1.0  # speed that most of the melt stays below [m/s]
+    height: tuple[float, float] = (0.0, 0.0)  # of the melt, lowest and highest [m]; 3-D
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,19 @@ class Key:
     ticks: list[tuple[float, str]] = field(default_factory=list)  # (0 to 1 along the bar, label)
     swatches: list[tuple[np.ndarray, str]] = field(default_factory=list)
     lines: list[tuple[float, str]] = field(default_factory=list)  # (thickness [px], label)
+
+
+def colours(kind: str, values: np.ndarray, scales: Scales) -> np.ndarray:
+    """Colours of the points of a 3-D picture of ``kind``: uint8, shape [n, 3].
+
+    ``values``, shape [n]: temperature [K] of a cut, height [m] of an isosurface, speed [m/s] of streamlines.
+    """
+    name, (low, high) = {
+        "cut": ("inferno", scales.temperature),
+        "isosurface": ("viridis", scales.height),
+        "streamlines": ("viridis", (0.0, scales.flow)),
+    }[kind]
+    return _look_up(name, (np.asarray(values) - low) / (high - low))
 
 
 def paint(kind: str, snapshot: Snapshot, scales: Scales) -> np.ndarray:
@@ -72,10 +87,24 @@ def paint(kind: str, snapshot: Snapshot, scales: Scales) -> np.ndarray:
 def key(kind: str, scales: Scales, dimension: int) -> Key:
     """The legend of a picture of ``kind``."""
     lines = [] if scales.melting is None else [(3.5, f"melting point, {scales.melting:.0f} K")]
-    if kind == "temperature":
+    if kind in ("temperature", "cut"):
         low, high = scales.temperature
         ticks = [((t - low) / (high - low), f"{t:.0f}") for t in _round_ticks(low, high)]
+        if kind == "cut":
+            lines.append((0.0, f"longest arrow: {scales.flow:g} m/s"))
         return Key("temperature [K]", _table("inferno"), ticks, lines=lines)
+    solid = [
+        (MUSHY.mean(axis=0).astype(int), "mushy"),
+        (RESOLIDIFIED, "solid again"),
+        (UNMELTED, "never melted"),
+    ]
+    if kind == "isosurface":
+        low, high = (1e6 * z for z in scales.height)
+        ticks = [((z - low) / (high - low), f"{round(z)}") for z in _round_ticks(low, high, 3)]
+        return Key(f"height of the surface at {scales.melting:.0f} K [µm]", _table("viridis"), ticks, solid)
+    if kind == "streamlines":
+        ticks = [(v / scales.flow, f"{v:g}") for v in _round_ticks(0.0, scales.flow)]
+        return Key("speed of the melt [m/s]", _table("viridis"), ticks, solid)
     if kind == "state":
         mushy = _state(np.linspace(0.01, 0.99, 64), np.ones(64, dtype=bool))
         swatches = [(LIQUID, "liquid"), (RESOLIDIFIED, "solid again"), (UNMELTED, "never melted")]
@@ -119,9 +148,9 @@ def _look_up(name: str, share: np.ndarray) -> np.ndarray:
     return _table(name)[(255 * np.clip(share, 0.0, 1.0)).round().astype(int)]
 
 
-def _round_ticks(low: float, high: float) -> list[float]:
-    """Round numbers between ``low`` and ``high``, and both ends; one too close to an end is left out."""
-    step = round_up((high - low) / 5.0)
+def _round_ticks(low: float, high: float, parts: int = 5) -> list[float]:
+    """Round numbers, about ``parts``, between ``low`` and ``high``, and both ends; none too close to an end."""
+    step = round_up((high - low) / parts)
     inner = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
     return [low, *(t for t in inner if t - low > 0.45 * step and high - t > 0.45 * step), high]
 

@@ -5,10 +5,12 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.output.snapshots import Snapshot
+from taichi_slm.render.frame import Frame
 
 DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
 BACKING_RADIUS = 0.76  # [dx]
 BACKING_SHADE = 0.9
+ARROW_CELL, ARROW_LENGTH = 26, 60  # one velocity arrow in a square of this side, the longest one [px]
 REACH = 2.1  # [dx]
 # Neighbours within reach of a particle inside: a lattice has 12 (2-D) and 32 (3-D), at its surface 8 and 22.
 ALL_ROUND = {2: 9, 3: 26}
@@ -62,16 +64,19 @@ class Particles:
         draw_balls(plotter, self.mesh, self.radius, colours[self.shown])
 
 
-def arrows(snapshot: Snapshot, moving: np.ndarray, cell: float, longest: float, fastest: float) -> Any:
-    """Velocity arrows of a 2-D ``snapshot``: one per square of side ``cell`` [m] with ``moving`` particles.
+def draw_arrows(
+    plotter: Any, position: np.ndarray, velocity: np.ndarray, view: Frame, height: float, fastest: float
+) -> None:
+    """Arrows along ``velocity`` at ``position`` [m] in the plane of the picture, shape [n, 2] both, one in a square.
 
-    ``longest`` [m] stands for ``fastest`` [m/s]. None if nothing moves.
+    The longest stands for ``fastest``, of the unit of ``velocity``; what is slower than a thirtieth gets none. They
+    lie ``height`` [m] in front of the plane.
     """
-    position, velocity = snapshot.arrays["position"], snapshot.arrays["velocity"]
+    cell, longest = ARROW_CELL / view.scale, ARROW_LENGTH / view.scale
     speed = np.linalg.norm(velocity, axis=1)
-    picked = np.flatnonzero(moving & (speed > 0.03 * fastest))
+    picked = np.flatnonzero(speed > 0.03 * fastest)
     if len(picked) == 0:
-        return None
+        return
     squares = np.floor(position[picked] / cell).astype(int)
     off_centre = np.abs(position[picked] / cell - squares - 0.5).max(axis=1)
     order = np.lexsort((off_centre, squares[:, 1], squares[:, 0]))
@@ -80,7 +85,10 @@ def arrows(snapshot: Snapshot, moving: np.ndarray, cell: float, longest: float, 
     along = velocity[chosen] * (np.minimum(1.0, fastest / speed[chosen]) * longest / fastest)[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
     outline = ARROW[:, 0, None] * along[:, None] + ARROW[:, 1, None] * aside[:, None]
-    return polygons(position[chosen], outline, snapshot.spacing)
+    mesh = polygons(position[chosen], outline, 0.0)
+    flat = np.asarray(mesh.points)
+    mesh.points = flat[:, :1] * view.right + flat[:, 1:2] * view.up + height * view.towards
+    draw_polygons(plotter, mesh, np.full((mesh.n_cells, 3), 20, dtype=np.uint8))
 
 
 def polygons(position: np.ndarray, outline: np.ndarray, height: float) -> Any:
@@ -100,17 +108,33 @@ def polygons(position: np.ndarray, outline: np.ndarray, height: float) -> Any:
 
 def draw_polygons(plotter: Any, mesh: Any, colours: np.ndarray) -> None:
     """Add ``mesh`` with one flat colour per cell, uint8, shape [cells, 3]."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+    _add(plotter, mesh, mesh.GetCellData(), colours).GetProperty().LightingOff()
 
-    mesh.GetCellData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
-    mapper = vtkPolyDataMapper()
+
+def draw_mesh(plotter: Any, mesh: Any, colours: np.ndarray, lit: bool = False, opacity: float = 1.0) -> None:
+    """Add ``mesh`` with a colour per point, uint8, shape [points, 3]; shaded by the plotter's lights if ``lit``."""
+    style = _add(plotter, mesh, mesh.GetPointData(), colours).GetProperty()
+    style.SetOpacity(opacity)
+    if lit:
+        style.SetAmbient(0.35)
+        style.SetDiffuse(0.7)
+        style.SetInterpolationToPhong()
+    else:
+        style.LightingOff()
+
+
+def _add(plotter: Any, mesh: Any, data: Any, colours: np.ndarray) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkDataSetMapper
+
+    data.SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
+    mapper = vtkDataSetMapper()
     mapper.SetInputData(mesh)
-    mapper.SetScalarModeToUseCellData()
+    mapper.SetScalarMode(1 if data is mesh.GetPointData() else 2)  # colours of points, of cells
     actor = vtkActor()
     actor.SetMapper(mapper)
-    actor.GetProperty().LightingOff()
     plotter.add_actor(actor, render=False, reset_camera=False)
+    return actor
 
 
 def draw_balls(plotter: Any, mesh: Any, radius: float, colours: np.ndarray) -> None:

@@ -1,26 +1,24 @@
 """Pictures of a run from its folder alone: one plotter, one camera, the same colours from first to last."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from taichi_slm.config.load import load_config
-from taichi_slm.config.schema import Config
-from taichi_slm.errors import StorageError
+from taichi_slm.config.schema import ONLY_3D, Config, Picture
+from taichi_slm.errors import ConfigError, StorageError
 from taichi_slm.output.atomic import make_folder, write_bytes
 from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread
-from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, frame
-from taichi_slm.render.isotherm import PlaneField, smooth
+from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, Frame, frame
+from taichi_slm.render.inside import Region, draw_inside
+from taichi_slm.render.isotherm import PlaneField, draw_isotherms, smooth
 from taichi_slm.render.overlay import draw_key, draw_scale_bar, draw_text
 from taichi_slm.render.paint import ALMOST, Scales, key, paint, round_length, round_up
-from taichi_slm.render.particles import Particles, arrows, draw_polygons
+from taichi_slm.render.particles import Particles, draw_arrows
 
-THIN_STEP = 500.0  # between the thin isotherms [K]
-LABELLED = 150  # isotherms at least this wide carry their temperature [px]
-ARROW_CELL, ARROW_LENGTH = 26, 60  # one velocity arrow in a square of this side, the longest one [px]
 HEADROOM = 0.45  # how far above the first picture's top a frame reaches at most, as a share of its height
 
 
@@ -29,12 +27,8 @@ def render_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
 
     Reads config.resolved.yaml, provenance.json and the snapshots, nothing else. Returns the files, in order.
     """
-    config = load_config(folder / "config.resolved.yaml").config
-    series = read_series(folder / "snapshots.pvd")
-    if not series:
-        raise StorageError(f"{folder} has no snapshots to draw")
-    kinds = list(config.output.images if images is None else images)
-    chosen = spread([path for _, path in series], config.output.images_at_most)
+    config, kinds, series = open_run(folder, images)
+    chosen = spread(series, config.output.images_at_most)
     if not kinds or not chosen:
         return []
     snapshots = [read_snapshot(path) for path in chosen]
@@ -45,6 +39,24 @@ def render_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
         files += studio.shoot(snapshot, kinds, path.stem)
     studio.close()
     return files
+
+
+def open_run(folder: Path, images: Sequence[str] | None = None) -> tuple[Config, list[str], list[Path]]:
+    """Config, kinds of pictures and snapshots of the run in ``folder``; ``images`` replaces output.images.
+
+    A run without snapshots is a StorageError; a kind that does not exist, or not for this run, a ConfigError.
+    """
+    config = load_config(folder / "config.resolved.yaml").config
+    series = [path for _, path in read_series(folder / "snapshots.pvd")]
+    if not series:
+        raise StorageError(f"{folder} has no snapshots to draw")
+    kinds: list[str] = list(config.output.images if images is None else images)
+    for kind in kinds:
+        if kind not in get_args(Picture):
+            raise ConfigError(f"no picture is called '{kind}'; there are {', '.join(get_args(Picture))}")
+        if kind in ONLY_3D and config.dimension == 2:
+            raise ConfigError(f"a picture '{kind}' exists in 3-D only, and {folder} is a run in 2-D")
+    return config, kinds, series
 
 
 @dataclass(frozen=True)
@@ -77,15 +89,20 @@ class Studio:
 
         self.folder, self.config = folder, config
         self.title = config.title or folder.resolve().name
-        self.scales = scales(folder, config, snapshots)
-        self.frame = frame(visible(snapshots), 0.6 * config.spacing)
         self.clock = Clock.for_end(config.time.end)
-        size = self.frame.window
-        self.scale_bar = round_length(0.2 * (size[0] - 2 * MARGIN) / self.frame.scale)
+        self.scales = scales(folder, config, snapshots)
+        self.whole = frame(visible(snapshots), 0.6 * config.spacing)
+        self.region: Region | None = None
+        self.close_up: dict[str, Frame] = {}
+        if config.dimension == 3 and self.scales.melting is not None:
+            self.region = Region.of(snapshots, config.spacing)
+            self.close_up = {kind: self.region.frame(kind) for kind in ONLY_3D}
+            self.scales = replace(self.scales, height=(self.region.molten[0][2], self.region.molten[1][2]))
         vtkLogger.SetStderrVerbosity(
             vtkLogger.VERBOSITY_ERROR
         )  # it warns of a missing display, then does without
-        self.plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+        self.plotter: Any = pv.Plotter(off_screen=True, window_size=list(self.whole.window), lighting="none")
+        self.plotter.add_light(pv.Light(light_type="headlight", intensity=0.9))  # for meshes that ask for it
         self.plotter.renderer.SetBackground(1.0, 1.0, 1.0)
         self.plotter.enable_anti_aliasing("msaa", multi_samples=8)
 
@@ -104,98 +121,52 @@ class Studio:
 
     def draw(self, snapshot: Snapshot, kinds: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
         """Each of ``kinds`` with its picture of ``snapshot``, uint8, shape [height, width, 3]."""
-        particles = Particles(snapshot, snapshot.spacing * self.frame.scale)
-        field = self._field(snapshot)
+        particles, field = None, None
         for kind in kinds:
-            plotter = self.plotter
+            plotter, view = self.plotter, self.close_up.get(kind, self.whole)
             plotter.clear_actors()
-            particles.draw(plotter, paint(kind, snapshot, self.scales))
-            if kind == "velocity" and snapshot.dimension == 2:
-                self._arrows(snapshot)
-            self._isotherms(kind, field, snapshot)
-            self._surround(kind, snapshot)
-            self.frame.aim(plotter, distance=20.0 * float(np.ptp(snapshot.arrays["position"], axis=0).max()))
+            plotter.window_size = list(view.window)
+            if kind in ONLY_3D:
+                if self.region is None:
+                    raise ConfigError(f"a picture '{kind}' shows melt, and nothing in {self.folder} can melt")
+                draw_inside(kind, plotter, snapshot, self.region, view, self.scales)
+            else:
+                if particles is None:
+                    particles, field = (
+                        Particles(snapshot, snapshot.spacing * view.scale),
+                        self._field(snapshot),
+                    )
+                particles.draw(plotter, paint(kind, snapshot, self.scales))
+                if kind == "velocity" and snapshot.dimension == 2:
+                    moving = snapshot.arrays["liquid_fraction"] > ALMOST
+                    position, velocity = (snapshot.arrays[name][moving] for name in ("position", "velocity"))
+                    draw_arrows(plotter, position, velocity, view, snapshot.spacing, self.scales.speed)
+                if field is not None:
+                    thin = kind == "state" and snapshot.dimension == 2
+                    draw_isotherms(plotter, field, view, snapshot.spacing, self.scales, thin)
+            self._surround(kind, snapshot, view)
+            view.aim(plotter, distance=20.0 * float(np.ptp(snapshot.arrays["position"], axis=0).max()))
             plotter.render()
             yield kind, plotter.screenshot(return_img=True)
 
     def _field(self, snapshot: Snapshot) -> PlaneField | None:
         if self.scales.melting is None:
             return None
-        position = snapshot.arrays["position"]
-        plane, distance = position[:, [0, -1]], position[:, 1] if snapshot.dimension == 3 else None
-        return smooth(
-            plane,
-            snapshot.arrays["temperature"],
-            snapshot.spacing,
-            self.scales.temperature[0] + 100.0,
-            distance,
-        )
+        above = self.scales.temperature[0] + 100.0
+        return smooth(snapshot.arrays["position"], snapshot.arrays["temperature"], snapshot.spacing, above)
 
-    def _arrows(self, snapshot: Snapshot) -> None:
-        moving = snapshot.arrays["liquid_fraction"] > ALMOST
-        cell, longest = ARROW_CELL / self.frame.scale, ARROW_LENGTH / self.frame.scale
-        mesh = arrows(snapshot, moving, cell, longest, self.scales.speed)
-        if mesh is not None:
-            draw_polygons(self.plotter, mesh, np.full((mesh.n_cells, 3), 20, dtype=np.uint8))
-
-    def _isotherms(self, kind: str, field: PlaneField | None, snapshot: Snapshot) -> None:
-        if field is None or self.scales.melting is None:
-            return
-        if kind == "state" and snapshot.dimension == 2:
-            for level in np.arange(THIN_STEP, self.scales.temperature[1], THIN_STEP):
-                lines = field.lines(level)
-                self._line(lines, snapshot, 1.4, (0.15, 0.15, 0.15))
-                if level < self.scales.melting:
-                    self._label(lines, level)
-        melting = field.lines(self.scales.melting)
-        self._line(melting, snapshot, 6.0, (1.0, 1.0, 1.0))
-        self._line(melting, snapshot, 3.0, (0.0, 0.0, 0.0))
-
-    def _line(
-        self, lines: list[np.ndarray], snapshot: Snapshot, width: float, colour: tuple[float, ...]
-    ) -> None:
-        import pyvista as pv
-
-        if not lines:
-            return
-        points = np.zeros((sum(len(line) for line in lines), 3))
-        flat = np.concatenate(lines)
-        points[:, 0], points[:, snapshot.dimension - 1] = flat[:, 0], flat[:, 1]
-        points += snapshot.spacing * (1.0 + 0.05 * (6.0 - width)) * self.frame.towards
-        cells, start = [], 0
-        for line in lines:
-            cells += [len(line), *range(start, start + len(line))]
-            start += len(line)
-        self.plotter.add_mesh(
-            pv.PolyData(points, lines=np.array(cells)),
-            color=colour,
-            line_width=width,
-            lighting=False,
-            render=False,
-        )
-
-    def _label(self, lines: list[np.ndarray], level: float) -> None:
-        """Write ``level`` where the longest of ``lines`` is lowest."""
-        if not lines:
-            return
-        line = max(lines, key=len)
-        lowest = line[np.argmin(line[:, 1])]
-        x, y = self.frame.pixels(np.array([[*lowest, 0.0]]))[0]
-        x = float(np.clip(x, 2.5 * MARGIN, self.frame.window[0] - 2.5 * MARGIN))
-        if np.ptp(line[:, 0]) * self.frame.scale > LABELLED:
-            draw_text(self.plotter, f"{level:.0f} K", (x, y - 13), 22, "centre", backed=True)
-
-    def _surround(self, kind: str, snapshot: Snapshot) -> None:
-        wide, high = self.frame.window
+    def _surround(self, kind: str, snapshot: Snapshot, view: Frame) -> None:
+        wide, high = view.window
         plotter, text_line = self.plotter, high - HEADER + 22
         draw_text(plotter, self.title, (MARGIN, text_line), bold=True)
         draw_text(
             plotter, self.clock.text(snapshot.time), (wide - MARGIN, text_line), side="right", bold=True
         )
-        long = self.scale_bar * self.frame.scale
+        bar = round_length(0.2 * (wide - 2 * MARGIN) / view.scale)
+        long = bar * view.scale
         legend = key(kind, self.scales, snapshot.dimension)
         draw_key(plotter, legend, MARGIN, FOOTER - 92, wide - 2 * MARGIN - long - 60)
-        draw_scale_bar(plotter, self.scale_bar, self.frame.scale, wide - MARGIN, FOOTER - 84)
+        draw_scale_bar(plotter, bar, view.scale, wide - MARGIN, FOOTER - 84)
 
 
 def png(pixels: np.ndarray) -> bytes:
@@ -225,14 +196,23 @@ def scales(folder: Path, config: Config, snapshots: list[Snapshot]) -> Scales:
     import json
 
     low = config.ambient_temperature
-    hottest = max(float(np.percentile(s.arrays["temperature"], 99.9)) for s in snapshots)
+    melts = [s.arrays["liquid_fraction"] >= 0.5 for s in snapshots]
+    hottest = max(
+        float(np.percentile(s.arrays["temperature"][melt if melt.any() else slice(None)], 99.5))
+        for s, melt in zip(snapshots, melts, strict=True)
+    )
     high = 500.0 * np.ceil(max(hottest, low + 200.0) / 500.0)
     fastest = max(float(np.percentile(np.linalg.norm(s.arrays["velocity"], axis=1), 99.9)) for s in snapshots)
+    flow = [
+        np.linalg.norm(s.arrays["velocity"][melt], axis=1) for s, melt in zip(snapshots, melts, strict=True)
+    ]
+    everyday = np.concatenate(flow)
     materials = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))["materials"]
     melting = [0.5 * (m["solidus_K"] + m["liquidus_K"]) for m in materials if m["solidus_K"] is not None]
     return Scales(
         temperature=config.output.temperature_range or (low, float(high)),
         speed=round_up(fastest),
+        flow=round_up(float(np.percentile(everyday, 80.0)) if len(everyday) else 0.0),
         materials=tuple(m["name"] for m in materials),
         tracers=max(int(s.arrays["tracer"].max()) for s in snapshots),
         melting=melting[0] if melting else None,
