@@ -220,8 +220,16 @@ def doctor() -> None:
 @app.command()
 def materials(
     name: Annotated[str | None, typer.Argument(help="Show this one with its sources.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw its laws there instead: .png, .pdf or .svg.")
+    ] = None,
 ) -> None:
-    """List the alloys that ship, or show one."""
+    """List the alloys that ship, or show one as text or as curves."""
+    if plot is not None:
+        from taichi_slm.materials.plot import plot_alloy
+
+        print(plot_alloy(name, plot))
+        return
     from taichi_slm.materials.sheet import sheet
 
     for line in sheet(name):

@@ -11,14 +11,9 @@ from scipy.special import erf
 from taichi_slm import backend
 from taichi_slm.backend import ti
 from taichi_slm.config.material import Evaporation
+from taichi_slm.materials.laws import saturation_pressure
 from taichi_slm.materials.tables import temperature_at
-from taichi_slm.physics.evaporation import (
-    ESCAPING_SHARE,
-    RECOIL_SHARE,
-    heat_flux,
-    saturation_pressure,
-    vapour,
-)
+from taichi_slm.physics.evaporation import ESCAPING_SHARE, RECOIL_SHARE, heat_flux, vapour
 from taichi_slm.physics.radiation import radiated_flux
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.scene.build import build_scene

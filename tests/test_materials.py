@@ -6,6 +6,7 @@ from scipy.integrate import quad
 
 from taichi_slm.config.material import Law, Material, MaterialOverride
 from taichi_slm.errors import ConfigError
+from taichi_slm.materials import plot
 from taichi_slm.materials.laws import (
     evaluate,
     liquid_fraction,
@@ -245,3 +246,81 @@ def test_a_law_that_vanishes_inside_the_table_is_refused():
 def test_a_temperature_outside_the_table_is_refused(tables):
     with pytest.raises(ConfigError, match="outside the tables"):
         enthalpy_at(tables, 0, [300.0, 20000.0])
+
+
+# --------------------------------------------------------------------------- the picture
+
+
+def curves(figure):
+    """Label of an axis -> (temperatures, values) of all that is drawn there, in the order of temperature."""
+    found = {}
+    for axes in figure.axes:
+        lines = [
+            line for line in axes.lines if len(line.get_xdata()) > 2
+        ]  # the others mark a temperature, or zero
+        if lines:
+            data = np.hstack([line.get_data() for line in lines])
+            found[axes.get_ylabel()] = data[:, np.argsort(data[0], kind="stable")]
+    return found
+
+
+def test_the_picture_of_316l_has_the_values_of_its_sheet():
+    """Values worked out by hand from alloys/316L.yaml; the curves have knots no further apart than 10 K."""
+    found = curves(plot.draw(load_alloy("316L")))
+    for label, T, value in (
+        ("density [kg/m³]", 1000.0, 8084.2 - 420.86 - 38.94),
+        ("density [kg/m³]", 1708.0, 7432.7 + 0.0393 * 1708 - 1.80e-4 * 1708**2),
+        ("heat capacity [J/(kg K)]", 293.0, 459.3 + 0.1329 * 293),
+        ("conductivity [W/(m K)]", 1675.0, 6.38 + 0.019 * 1675 - 2.45e-6 * 1675**2),
+        ("viscosity [mPa s]", 1708.0, 10 ** (2385.2 / 1708 - 0.5958)),
+        ("viscosity [mPa s]", 1675.0, 10 * 10 ** (2385.2 / 1708 - 0.5958)),
+        ("surface tension [N/m]", 2708.0, 1.593 + 0.19),
+        ("tension slope [mN/(m K)]", 2000.0, 0.19),
+    ):
+        # linear between knots: of the bent ones here, off by less than 1e-5 in the middle of 10 K
+        assert np.interp(T, *found[label]) == pytest.approx(value, rel=1e-5), label
+    T, pressure = found["vapour pressure [kPa]"]
+    assert np.exp(np.interp(3090.0, T, np.log(pressure))) == pytest.approx(101.325, rel=1e-4)
+    assert len(found) == 7
+    assert all(np.diff(T).max() <= 10.0 for T, _ in found.values())
+    assert found["viscosity [mPa s]"][0].min() == found["vapour pressure [kPa]"][0].min() == 1675.0
+
+
+@pytest.mark.parametrize("name", alloy_names())
+def test_the_picture_says_where_every_law_comes_from(name):
+    alloy = load_alloy(name)
+    figure = plot.draw(alloy)
+    said = " ".join(axes.get_title(loc="left") for axes in figure.axes).replace("\n", " ")
+    for law in (alloy.density, alloy.heat_capacity, alloy.conductivity, alloy.viscosity):
+        assert law.liquid.source
+        assert law.liquid.source in said
+    assert alloy.surface_tension.source in said
+    assert alloy.evaporation.source in said
+    assert alloy.sources["mushy_viscosity_factor"] in said
+    assert "no source given" not in said
+
+
+def test_a_material_without_a_solid_has_a_picture():
+    found = curves(plot.draw(FLUID.model_copy(update={"maximum_temperature": 900.0})))
+    assert sorted(found) == [
+        "conductivity [W/(m K)]", "density [kg/m³]", "heat capacity [J/(kg K)]", "viscosity [mPa s]",
+    ]  # fmt: skip
+    T, conductivity = found["conductivity [W/(m K)]"]
+    assert (T[0], T[-1]) == (293.0, 900.0)
+    assert conductivity[T == 700.0] == 30.0  # the row of the table itself
+
+
+@pytest.mark.filterwarnings("error")  # matplotlib warns where the panels leave each other no room
+def test_the_picture_is_a_file(tmp_path):
+    from PIL import Image
+
+    path = plot.plot_alloy("steel_304", tmp_path / "steel.png")
+    with Image.open(path) as image:
+        assert image.width > 1000
+    assert plot.plot_alloy("316L", tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(ConfigError, match="Did you mean '316L'"):
+        plot.plot_alloy("316", tmp_path / "b.png")
+    with pytest.raises(ConfigError, match=r"a picture is one of \.png, \.pdf, \.svg"):
+        plot.plot_alloy("316L", tmp_path / "b.jpg")
+    with pytest.raises(ConfigError, match="name it, as in"):
+        plot.plot_alloy(None, tmp_path / "b.png")

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from taichi_slm.config.material import Law, Material, Sulphur
+from taichi_slm.config.material import Evaporation, Law, Material, Sulphur
 
 Array = NDArray[np.float64]
 PhaseProperty = Literal["density", "heat_capacity", "conductivity", "viscosity"]
 
 GAS_CONSTANT = 8.314462618  # [J/(mol K)]
+ATMOSPHERE = 101325.0  # [Pa]
 # Sulphur in liquid iron: Sahoo, DebRoy, McNallan 1988, Metall. Trans. B 19, 483; paper (50), units mended.
 SULPHUR_K = 3.18e-3  # entropy factor of K = k exp(heat / (R T)), a_s in wt% [-]
 SULPHUR_HEAT = 1.66e5  # minus the standard heat of adsorption [J/mol]
@@ -142,3 +143,12 @@ def surface_tension_slope(material: Material, temperature: ArrayLike) -> Array:
     factor = material.scale.get("surface_tension", 1.0)
     exists = evaluate(material.surface_tension, T) > 0.0
     return np.asarray(np.where(exists, factor * slope(material.surface_tension, T), 0.0), dtype=np.float64)
+
+
+def saturation_pressure(data: Evaporation, temperature: ArrayLike) -> Array:
+    """p_sat [Pa] of the vapour at temperature [K], Clausius-Clapeyron: one atmosphere where the metal boils."""
+    T = np.asarray(temperature, dtype=np.float64)
+    slope = data.latent_heat * data.molar_mass / GAS_CONSTANT
+    return np.asarray(
+        ATMOSPHERE * np.exp(slope * (1.0 / data.boiling_temperature - 1.0 / T)), dtype=np.float64
+    )

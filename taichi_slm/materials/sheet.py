@@ -27,11 +27,16 @@ def sheet(name: str | None = None) -> list[str]:
     """All alloys, a line each; or the page of one. Raises ConfigError for a name that does not ship."""
     if name is None:
         return [f"{alloy:<22}{load_alloy(alloy).description or ''}" for alloy in alloy_names()]
+    return _page(known_alloy(name))
+
+
+def known_alloy(name: str) -> Material:
+    """The alloy ``name``. Raises ConfigError, with a guess, for one that does not ship."""
     if name not in alloy_names():
         close = difflib.get_close_matches(name, alloy_names(), n=1)
         hint = f" Did you mean '{close[0]}'?" if close else f" There are {', '.join(alloy_names())}."
         raise ConfigError(f"there is no alloy '{name}'.{hint}")
-    return _page(load_alloy(name))
+    return load_alloy(name)
 
 
 def _page(material: Material) -> list[str]:

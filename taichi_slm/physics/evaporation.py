@@ -17,23 +17,16 @@ import numpy as np
 
 from taichi_slm.backend import ti
 from taichi_slm.config.material import Evaporation
+from taichi_slm.materials.laws import ATMOSPHERE, GAS_CONSTANT, saturation_pressure
 
-GAS_CONSTANT = 8.314462618  # [J/(mol K)]
-ATMOSPHERE = 101325.0  # [Pa]
 RECOIL_SHARE = 0.54
 ESCAPING_SHARE = 0.82
-
-
-def saturation_pressure(data: Evaporation, temperature: float) -> float:
-    """p_sat [Pa] at ``temperature`` [K]."""
-    slope = data.latent_heat * data.molar_mass / GAS_CONSTANT
-    return ATMOSPHERE * math.exp(slope * (1.0 / data.boiling_temperature - 1.0 / temperature))
 
 
 def heat_flux(data: Evaporation, temperature: float) -> float:
     """Heat carried away by the vapour [W/m^2] at ``temperature`` [K]."""
     per_pressure = ESCAPING_SHARE * math.sqrt(data.molar_mass / (2.0 * math.pi * GAS_CONSTANT * temperature))
-    return data.latent_heat * per_pressure * saturation_pressure(data, temperature)
+    return data.latent_heat * per_pressure * float(saturation_pressure(data, temperature))
 
 
 def vapour(materials: Sequence[Evaporation | None], real: Any) -> tuple[Any, Any]:
