@@ -1,0 +1,370 @@
+"""What the README and docs/*.md print is run: page by page, block by block, in the order of the page.
+
+A YAML or Python block after a line that ends with the name of a file, "In `drop.yaml`:", becomes that file. Commands
+run as printed, in a folder with the shipped scenes, which are made small first (SMALLER). Those that take
+long are for the slow tests, and may have a quick one of their kind in their place (LONG). What is for a cluster is
+parsed, not run. There is no other way: a language, a program or a command that this file does not know fails.
+"""
+
+import glob
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from conftest import merged
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from taichi_slm.cli import app
+from taichi_slm.config.load import load_config
+from taichi_slm.errors import ConfigError, StoppedError
+from taichi_slm.study.plan import load_plan
+from taichi_slm.verification.catalogue import chosen
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TERM = ROOT / "docs" / "add_term.md"  # its blocks are laid over a copy of the program
+
+# The same scenes with fewer particles and less time: it is the commands that are tested here.
+SMALLER: dict[str, dict[str, Any]] = {
+    "configs/track_150W.yaml": {
+        "spacing": "10 um",
+        "time": {"end": "20 us"},
+        "output": {"snapshot_interval": "10 us", "images_at_most": 1},
+    },
+    "configs/studies/power.yaml": {"axes": [{"kind": "grid", "values": {"laser.power": [50, 150]}}]},
+    "plate.yaml": {"spacing": "10 um", "time": {"end": "20 us"}, "output": {"images_at_most": 0}},
+}
+# A command as it is printed, and what the slow tests run in its place; the fast ones parse it. Commands that others
+# build upon cannot be here.
+LONG = {
+    "taichi-slm doctor": "",
+    "taichi-slm render runs/first --movie": "",
+    "taichi-slm run configs/track_150W.yaml --set laser.power=100 --out runs/weaker": "",
+    "taichi-slm run powder.yaml --out runs/powder": "",
+    "taichi-slm run passes.yaml --out runs/passes": "",
+    "taichi-slm run layers.yaml --out runs/layers": "",
+    'taichi-slm run powder.yaml --set laser.power=150 --set "laser.path.0.speed=1.5 m/s" --out runs/stronger': "",
+    "taichi-slm study configs/studies/power.yaml": "",
+    "taichi-slm study configs/studies/process_map.yaml --out $SCRATCH/map": (
+        "taichi-slm study configs/studies/power.yaml"
+    ),
+    "taichi-slm verify --tier full": "taichi-slm verify hydrostatic beer_lambert",
+    "taichi-slm bench accuracy --quick": "",
+    "taichi-slm bench speed skips": "taichi-slm bench skips --quick",
+    "taichi-slm stress": "taichi-slm stress drop --quick",
+}
+LONG_PYTHON = {"studies.md"}  # pages whose Python runs a study
+OTHER_PYTHON = {"README.md"}  # test_readme.py runs it, and looks at what it prints
+CLUSTER = {"dask", "srun", "sleep"}  # programs of a cluster; what stands beside them is parsed
+CHECKS = {"ruff", "lint-imports", "mypy"}  # on the page of the worked term
+SHOWN = {"text", "diff"}  # languages of blocks that nothing can run
+USAGE_ERROR = typer.BadParameter.__mro__[1]  # of click, which typer has its own copy of since 0.22
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block; ``file`` is the name that the line before it ends with."""
+
+    where: str
+    language: str
+    text: str
+    file: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """The fenced blocks of a page, in order."""
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for fence in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        before = text[: fence.start()].rstrip("\n")
+        named = re.search(r"`([\w./-]+\.\w+)`:$", before[before.rfind("\n\n") + 1 :])
+        line = before.count("\n") + 2
+        found.append(Block(f"{page.name}:{line}", fence[1], fence[2], named[1] if named else ""))
+    return found
+
+
+def commands(block: Block) -> list[str]:
+    """The commands of a block of shell, without comments."""
+    lines = block.text.replace("\\\n", " ").splitlines()
+    bare = (re.sub(r"(^|\s)#.*", "", line).strip() for line in lines)
+    return [line for line in bare if line]
+
+
+def for_a_cluster(block: Block) -> bool:
+    """Whether a block of shell is a job script, or starts a scheduler and workers."""
+    return block.text.startswith("#!") or any(line.split()[0] in CLUSTER for line in commands(block))
+
+
+def mentioned() -> Iterator[tuple[str, str]]:
+    """(page, command) of every `taichi-slm ...` that is not in a block: within a line, or an indented line."""
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for found in re.findall(r"`(taichi-slm [^`]+)`|^    (taichi-slm .*)$", text, re.MULTILINE):
+            yield page.name, " ".join((found[0] or found[1]).split())
+
+
+def parse(where: str, command: str, whole: bool = True) -> None:
+    """Let the true parser read a command, without running it; ``whole``: an argument that is missing is an error."""
+    words = shlex.split(os.path.expandvars(command))
+    known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert words[1] in known or words[1].startswith("--"), f"{where}: there is no command '{words[1]}'"
+    if "--help" in words or words[1].startswith("--"):
+        return
+    try:
+        context = known[words[1]].make_context(words[1], words[2:])
+    except USAGE_ERROR as error:
+        if type(error).__name__ == "MissingParameter" and not whole:
+            return
+        pytest.fail(f"{where}: {command}: {error.format_message()}")
+    if words[1] == "verify":
+        chosen(context.params["case"] or ())
+    for word in words[2:]:
+        assert not word.startswith("configs/") or list(ROOT.glob(word)), f"{where}: there is no {word}"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch) -> Path:
+    """A working folder with the shipped scenes, made small."""
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    for name in SMALLER:
+        if name.startswith("configs/"):
+            write_smaller(tmp_path, name, (ROOT / name).read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write_smaller(place: Path, name: str, text: str) -> None:
+    """The YAML file ``name``, with what SMALLER says laid over it."""
+    if name in SMALLER:
+        text = json.dumps(merged(YAML(typ="safe").load(text), SMALLER[name]))
+    (place / name).write_text(text, encoding="utf-8")
+
+
+def run(where: str, command: str, exit_code: int = 0) -> None:
+    """Run a command of this program in this process."""
+    words = [found for word in shlex.split(command)[1:] for found in sorted(glob.glob(word)) or [word]]
+    done = CliRunner().invoke(app, words)
+    code = getattr(done.exception, "exit_code", done.exit_code)
+    assert code == exit_code, f"{where}: {command}\n{done.output}\n{done.exception!r}"
+
+
+def run_and_stop(where: str, command: str, folder: Path) -> None:
+    """Run a command into a run folder, and stop it as soon as that is there: what `resume` goes on from."""
+
+    def stop() -> None:
+        while not folder.is_dir():
+            time.sleep(0.01)
+        (folder / "STOP").touch()
+
+    thread = threading.Thread(target=stop, daemon=True)
+    thread.start()
+    run(where, command, StoppedError.exit_code)
+    thread.join()
+
+
+def run_yaml(place: Path, block: Block) -> None:
+    """A scene or a study is valid; one with a name becomes a file."""
+    tree = YAML(typ="safe").load(block.text)
+    if block.file:
+        write_smaller(place, block.file, block.text)
+    if "axes" in tree:
+        path = place / "configs" / "studies" / "block.yaml"
+        path.write_text(block.text, encoding="utf-8")
+        assert load_plan(path).runs, block.where
+    elif not block.file or "bodies" in tree or "extends" in tree:
+        path = place / "block.yaml"
+        path.write_text(block.text, encoding="utf-8")
+        load_config(path)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page != TERM], ids=lambda page: page.name)
+def test_a_page_does_what_it_prints(page, place):
+    for block in blocks(page):
+        if block.language == "sh" and not for_a_cluster(block):
+            for command in commands(block):
+                if command.startswith("python3 -m venv "):
+                    continue  # the two set-up lines, which test_readme.py knows and the gate runs
+                assert command.startswith("taichi-slm "), f"{block.where}: nobody runs '{command}'"
+                resumed = re.search(r"--out (\S+)$", command)
+                if command in LONG:
+                    parse(block.where, command)
+                elif resumed and f"taichi-slm resume {resumed[1]}" in commands(block):
+                    run_and_stop(block.where, command, Path(resumed[1]))
+                else:
+                    run(block.where, command)
+        elif block.language == "sh":
+            parse_script(block)
+        elif block.language == "yaml":
+            run_yaml(place, block)
+        elif block.language == "python":
+            code = compile(block.text, block.where, "exec")
+            if page.name not in LONG_PYTHON | OTHER_PYTHON:
+                exec(code, {"__name__": "__main__"})
+        else:
+            assert block.language in SHOWN, f"{block.where}: a block of '{block.language}'"
+
+
+def parse_script(block: Block) -> None:
+    """A script for a cluster: bash reads it, and this program and dask know the options."""
+    subprocess.run(["bash", "-n"], input=block.text, text=True, check=True)
+    for command in commands(block):
+        words = shlex.split(command)
+        program = words[0]
+        assert program in CLUSTER | {"taichi-slm"}, f"{block.where}: nobody knows '{program}'"
+        if "taichi-slm" in words:
+            rest = words[words.index("taichi-slm") :]
+            parse(block.where, shlex.join(re.sub(r"^\$SLURM\w+$", "1", word) for word in rest))
+        elif "dask" in words:
+            part = words[words.index("dask") + 1]
+            from distributed.cli import dask_scheduler, dask_worker
+
+            cli = {"scheduler": dask_scheduler, "worker": dask_worker}[part].main
+            options = {option for parameter in cli.params for option in parameter.opts}
+            assert {word for word in words if word.startswith("--n") or word == "--port"} <= options
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if page != TERM], ids=lambda page: page.name)
+def test_the_long_commands(page, place):
+    for block in blocks(page):
+        if block.language == "sh" and not for_a_cluster(block):
+            for command in commands(block):
+                if command in LONG:
+                    run(block.where, LONG[command] or command)
+        elif block.language == "yaml":
+            run_yaml(place, block)
+        elif block.language == "python" and page.name in LONG_PYTHON:
+            exec(compile(block.text, block.where, "exec"), {"__name__": "__main__"})
+
+
+def test_every_long_command_is_still_printed():
+    printed = {
+        line for page in PAGES for block in blocks(page) if block.language == "sh" for line in commands(block)
+    }
+    assert set(LONG) <= printed
+
+
+def test_commands_within_the_text_exist():
+    found = set(mentioned())
+    assert len(found) > 20
+    for page, command in found:
+        parse(page, command, whole=False)
+
+
+def test_what_goes_wrong_is_said_so(place):
+    """Each row of the table in own_scene.md: a key that is set, and the sentence that comes, or the warning."""
+    page = ROOT / "docs" / "own_scene.md"
+    for block in blocks(page):
+        if block.language == "yaml":
+            (place / block.file).write_text(block.text, encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]+=[^`]+)` \| (.+) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(rows) > 5
+    for override, sentence in rows:
+        if sentence.startswith("warning: "):
+            assert any(
+                sentence.removeprefix("warning: ") in said
+                for said in load_config("passes.yaml", [override]).warnings
+            )
+        else:
+            with pytest.raises(ConfigError) as refused:
+                load_config("passes.yaml", [override])
+            assert sentence in str(refused.value)
+
+
+def lay(copy: Path, block: Block) -> None:
+    """Do in ``copy`` what a block of the worked term says: a new file, or a diff of its lines with + and -."""
+    path = copy / block.file
+    if block.language != "diff":
+        assert not path.exists(), f"{block.where}: {block.file} is there already"
+        path.write_text(block.text, encoding="utf-8")
+        return
+    text = path.read_text(encoding="utf-8")
+    for part in block.text.split("@@\n"):
+        lines = part.splitlines(keepends=True)
+        before = "".join(line[1:] for line in lines if line[0] in " -")
+        after = "".join(line[1:] for line in lines if line[0] in " +")
+        assert text.count(before) == 1, (
+            f"{block.where}: {block.file} has these lines {text.count(before)} times\n{before}"
+        )
+        text = text.replace(before, after)
+    path.write_text(text, encoding="utf-8")
+
+
+def worked_term(tmp_path: Path) -> tuple[Path, list[Block]]:
+    """A copy of the program in which add_term.md has been followed, and the page's blocks of shell."""
+    copy = tmp_path / "copy"
+    shutil.copytree(
+        ROOT, copy, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "verify", "site", "images")
+    )
+    for block in blocks(TERM):
+        if block.language != "sh":
+            assert block.file, f"{block.where}: which file is this?"
+            lay(copy, block)
+    return copy, [block for block in blocks(TERM) if block.language == "sh"]
+
+
+def in_copy(copy: Path, command: str) -> None:
+    """Run a command in the copy, with the copy's own package."""
+    program, *rest = shlex.split(command)
+    assert program in CHECKS | {"taichi-slm"}, f"add_term.md: nobody runs '{program}'"
+    words = (
+        [sys.executable, "-m", "taichi_slm.cli"]
+        if program == "taichi-slm"
+        else [shutil.which(program) or program]
+    )
+    environment = os.environ | {"PYTHONPATH": str(copy)}
+    done = subprocess.run(
+        [*words, *rest], cwd=copy, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+
+
+def test_the_worked_term(tmp_path):
+    """add_term.md, followed to the letter: lint and layers hold, and the speed decays as exp(-t/tau) to 1e-3."""
+    copy, shell = worked_term(tmp_path)
+    for block in shell:
+        for command in commands(block):
+            if command != "mypy":
+                in_copy(copy, command)
+    (case,) = json.loads((copy / "verify" / "verify.json").read_text(encoding="utf-8"))["cases"]
+    assert [row["quantity"] for row in case["rows"]] == [
+        "speed after one decay time",
+        "momentum given to the plates",
+    ]
+    speed, plates = case["rows"]
+    assert (
+        abs(speed["computed"] / speed["exact"] - 1.0) < 1e-3
+    )  # Euler's rule in steps of tau/1000 errs by 5e-4
+    assert abs(plates["computed"] / plates["exact"] - 1.0) < 1e-10  # a sum of doubles
+    assert '"gap"' in (copy / "configs" / "schema.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_worked_term_has_types_and_a_line_in_the_theory(tmp_path):
+    """The checks of add_term.md that take half a minute."""
+    copy, _ = worked_term(tmp_path)
+    in_copy(copy, "mypy")
+    words = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_readme.py", "-k", "theory_explains"]
+    done = subprocess.run(
+        words,
+        cwd=copy,
+        env=os.environ | {"PYTHONPATH": str(copy)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
