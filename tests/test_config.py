@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
@@ -359,3 +360,43 @@ def test_set_refuses(override, line, folder):
 )  # fmt: skip
 def test_warnings(override, warning, folder):
     assert load_config(write(GOOD), [override]).warnings == (warning,)
+
+
+# --------------------------------------------------------------------------- a scene made in Python
+
+
+def scene_of(text):
+    return YAML(typ="safe", pure=True).load(text)
+
+
+def test_a_mapping_is_the_same_scene_as_its_file(folder):
+    loaded = load_config(scene_of(GOOD), ["laser.power=222", "seed=4"])
+    assert loaded.config == load_config(write(GOOD), ["laser.power=222", "seed=4"]).config
+    assert load_config(write(loaded.text)).config == load_config(write(GOOD)).config  # what a run would keep
+
+
+def test_a_mapping_may_hold_numpy_and_tuples(folder):
+    scene = scene_of(GOOD)
+    scene["spacing"] = np.float64(5e-6)
+    scene["laser"]["path"][0]["start"] = np.array([1e-4])
+    scene["bodies"] = tuple(scene["bodies"])
+    config = load_config(scene).config
+    assert config.spacing == 5e-6
+    assert list(config.laser.path[0].start) == [1e-4]
+
+
+def test_a_mapping_is_checked_as_a_file_is(folder):
+    scene = scene_of(GOOD)
+    scene["laser"]["powr"] = scene["laser"].pop("power")
+    scene["spacing"] = float("nan")
+    scene[3] = object()
+    with pytest.raises(ConfigError) as refused:
+        load_config(scene)
+    lines = str(refused.value).splitlines()
+    assert "scene: laser.powr: unknown key. Did you mean 'power'?" in lines
+    assert any(line.startswith("scene: spacing: nan is not a finite number") for line in lines)
+    assert any(line.startswith("scene: 3: unknown key") for line in lines)
+    scene = scene_of(GOOD) | {"time": {"end": 1e-5}}
+    assert load_config(scene).warnings == (
+        "scene: time.end: the run ends at 1e-05 s, before the beam does (0.001 s).",
+    )

@@ -42,6 +42,19 @@ class Node:
         return None
 
 
+def planted(value: Any, where: str) -> Node:
+    """The tree of ordinary Python objects: mappings, lists, tuples, numpy's, and what YAML calls scalars."""
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        entries = {str(key): planted(item, where) for key, item in value.items()}
+        return Node(entries, where, 1 + sum(item.size for item in entries.values()))
+    if isinstance(value, list | tuple):
+        items = [planted(item, where) for item in value]
+        return Node(items, where, 1 + sum(item.size for item in items))
+    return Node(value, where)
+
+
 @dataclass(frozen=True)
 class Problem:
     """One thing that is wrong: where, which key, a sentence without its full stop, and what was meant."""

@@ -1,10 +1,11 @@
 """YAML file -> validated Config. Every error at once, each with file, line, key and a sentence."""
 
 import io
+import json
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from taichi_slm.config.document import (
     SyntaxProblemError,
     decode,
     parse,
+    planted,
     printable,
 )
 from taichi_slm.config.explain import explain
@@ -36,7 +38,7 @@ class LoadedConfig:
     """A config and where it came from."""
 
     config: Config
-    text: str  # the file as given
+    text: str  # the file as given; of a mapping, its JSON
     resolved: dict[str, Any]  # every key with its value, SI
     path: Path
     warnings: tuple[str, ...] = ()  # what is allowed but probably not meant
@@ -48,16 +50,21 @@ class LoadedConfig:
         return resolved_yaml(self.config)
 
 
-def load_config(path: str | Path, overrides: Sequence[str] = ()) -> LoadedConfig:
-    """Read ``path``, the files it extends, and ``overrides`` ("laser.power=200"); validate; check.
+def load_config(scene: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> LoadedConfig:
+    """Read a scene, the files it extends, and ``overrides`` ("laser.power=200"); validate; check.
 
-    Where there is no file ``path``, it may be the name of a scene that ships ("track_150W"). Raises ConfigError,
-    whose text has one line per error.
+    ``scene`` is a file, or where there is no such file the name of a scene that ships ("track_150W"), or the keys
+    and values themselves. Raises ConfigError, whose text has one line per error.
     """
     problems: list[Problem] = []
-    file = located(Path(path))
+    bases: tuple[Path, ...] = ()
     try:
-        text, tree, bases = _read(file, problems)
+        if isinstance(scene, Mapping):
+            file, tree = Path("scene.yaml"), planted(scene, "scene")
+            text = json.dumps(tree.plain(), indent=2, default=str) + "\n"  # which is YAML too
+        else:
+            file = located(Path(scene))
+            text, tree, bases = _read(file, problems)
         for override in overrides:
             tree = _set(tree, override, problems)
     except SyntaxProblemError as error:
@@ -288,8 +295,6 @@ def _representer() -> Any:
 
 def schema_json() -> str:
     """The JSON schema of a config file, for editors, as text."""
-    import json
-
     from taichi_slm.config.editor_schema import editor_schema
 
     return json.dumps(editor_schema(), indent=2, ensure_ascii=False) + "\n"
