@@ -186,6 +186,17 @@ def export(
 
 
 @app.command()
+def analyse(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+) -> None:
+    """Measure a run: melt pools, track, freezing, spatter, mixing, energy; into its folder analysis/."""
+    from taichi_slm.analysis.analyse import analyse as measure
+
+    for line in measure(run):
+        print(line)
+
+
+@app.command()
 def schema(
     write: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there instead.")] = None,
 ) -> None:

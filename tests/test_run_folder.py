@@ -16,10 +16,11 @@ from rich.console import Console
 
 from taichi_slm.errors import BlowUpError, InterruptedRunError, StoppedError, StorageError
 from taichi_slm.output.history import COLUMNS, read_history
+from taichi_slm.output.numbers import quantity
 from taichi_slm.output.snapshots import read_series, read_snapshot
 from taichi_slm.run import driver
 from taichi_slm.run.checkpoint import Slots, find_latest, latest_good
-from taichi_slm.run.progress import clock, quantity
+from taichi_slm.run.progress import clock
 from taichi_slm.run.run_folder import RunFolder
 from taichi_slm.run.schedule import Every, earliest
 from taichi_slm.run.summary import doubts

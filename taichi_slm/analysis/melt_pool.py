@@ -58,12 +58,10 @@ def measure(
     near &= ((position >= low - margin) & (position <= high + margin)).all(axis=1)
     edge = molten[members]
     if near.any():
-        pairs = tree.sparse_distance_matrix(cKDTree(position[near]), margin, output_type="ndarray")
+        pairs = crossing_pairs(tree, position[near], spacing)
         pairs = pairs[members[pairs["i"]]]
-        inner, outer = pairs["i"], pairs["j"]
-        hot, cold = excess[liquid][inner], excess[near][outer]
-        fraction = (hot / (hot - cold))[:, None]
-        edge = np.concatenate([edge, molten[inner] + fraction * (position[near][outer] - molten[inner])])
+        points = crossing_points(molten, excess[liquid], position[near], excess[near], pairs)
+        edge = np.concatenate([edge, points])
     low, high = edge.min(axis=0), edge.max(axis=0)
     return MeltPool(
         length=float(high[0] - low[0]),
@@ -75,6 +73,25 @@ def measure(
         x_range=(float(low[0]), float(high[0])),
         lowest=float(low[-1]),
     )
+
+
+def crossing_pairs(molten: cKDTree, solid: np.ndarray, spacing: float) -> np.ndarray:
+    """Neighbours of which one is liquid and one is not: fields ``i`` (liquid), ``j`` (not), ``v`` (distance [m])."""
+    pairs: np.ndarray = molten.sparse_distance_matrix(cKDTree(solid), REACH * spacing, output_type="ndarray")
+    return pairs
+
+
+def crossing_points(
+    molten: np.ndarray, hot: np.ndarray, solid: np.ndarray, cold: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    """Where the melting isotherm crosses each of ``pairs`` [m], shape [pairs, dimension].
+
+    ``hot`` (not negative) and ``cold`` (negative) are temperatures above the melting point [K], linear in between.
+    """
+    above, below = hot[pairs["i"]], cold[pairs["j"]]
+    start = molten[pairs["i"]]
+    points: np.ndarray = start + (above / (above - below))[:, None] * (solid[pairs["j"]] - start)
+    return points
 
 
 def groups(

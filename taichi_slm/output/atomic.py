@@ -93,6 +93,19 @@ def refuse_existing(paths: Iterable[Path]) -> None:
             )
 
 
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in ``path``; a StorageError if it is missing or damaged."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise storage_error("read", path, error) from error
+    except ValueError as error:
+        raise StorageError(f"{path} is damaged: {error}") from error
+    if not isinstance(value, dict):
+        raise StorageError(f"{path} is damaged: it holds no object")
+    return value
+
+
 def make_folder(path: Path) -> None:
     """Make ``path`` and its parents; no complaint if it is there already."""
     try:

@@ -15,15 +15,15 @@ from rich.console import Console
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import BlowUpError, InterruptedRunError, SlmError, StoppedError, StorageError
-from taichi_slm.output.atomic import write_json
+from taichi_slm.output.atomic import read_json, write_json
+from taichi_slm.output.numbers import quantity
 from taichi_slm.run.checkpoint import Checkpoint, latest_good
-from taichi_slm.run.progress import Progress, clock, quantity
+from taichi_slm.run.progress import Progress, clock
 from taichi_slm.run.recorder import Recorder
 from taichi_slm.run.run_folder import (
     RunFolder,
     package_version,
     provenance,
-    read_json,
     source_hash,
 )
 from taichi_slm.run.summary import closing_lines, summarise

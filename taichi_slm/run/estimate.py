@@ -12,6 +12,7 @@ from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config, Laser, Move, PowderBed, PowderRow
 from taichi_slm.errors import ConfigError
+from taichi_slm.output.numbers import quantity
 from taichi_slm.scene.scene import Scene
 
 BUILT_AT_MOST = 2_000_000  # particles; larger scenes are counted by volume, so that the answer comes at once
@@ -51,18 +52,18 @@ class Estimate:
         rows = [
             (
                 "particles",
-                f"{exact}{self.particles:,} ({self.dimension}-D, spacing {_quantity(self.spacing, 'm')})",
+                f"{exact}{self.particles:,} ({self.dimension}-D, spacing {quantity(self.spacing, 'm')})",
             ),
             ("memory", _bytes(self.memory)),
             *(
-                (f"step {name}", f"{_quantity(limit, 's')}{self._mark(name)}")
+                (f"step {name}", f"{quantity(limit, 's')}{self._mark(name)}")
                 for name, limit in self.limits.items()
             ),
         ]
         if self.limiter not in self.limits:
-            rows.append((f"step {self.limiter}", f"{_quantity(self.step, 's')}{self._mark(self.limiter)}"))
+            rows.append((f"step {self.limiter}", f"{quantity(self.step, 's')}{self._mark(self.limiter)}"))
         rows += [
-            ("steps", f"at most {self.steps:,} to {_quantity(self.end, 's')}"),
+            ("steps", f"at most {self.steps:,} to {quantity(self.end, 's')}"),
             ("output", f"{_bytes(self.output)} ({self.snapshots:,} snapshots)"),
         ]
         if self.line_energy is not None:
@@ -280,9 +281,3 @@ def _bytes(size: float) -> str:
         if size >= factor:
             return f"{size / factor:,.3g} {unit}"
     return f"{size / 1e3:,.3g} kB"
-
-
-def _quantity(value: float, unit: str) -> str:
-    from taichi_slm.run.progress import quantity
-
-    return quantity(value, unit)

@@ -12,6 +12,8 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from taichi_slm.output.numbers import quantity
+
 LINE_SECONDS = 10.0
 LINE_FRACTION = 0.05
 
@@ -104,20 +106,6 @@ def _pool(row: Mapping[str, Any]) -> str:
     names = ("melt_length_m", "melt_width_m", "melt_depth_m")
     sizes = [quantity(row[name], "m") for name in names if row.get(name) is not None]
     return " x ".join(sizes)
-
-
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
-
-
-def quantity(value: float | None, unit: str) -> str:
-    """``value`` with three digits and a prefix: 1.23e-5 m is "12.3 um"."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    if value == 0.0:
-        return f"0 {unit}"
-    size = abs(value)
-    factor, prefix = next(((f, p) for f, p in PREFIXES if size >= 0.9995 * f), PREFIXES[-1])
-    return f"{value / factor:.3g} {prefix}{unit}" if size < 1e3 else f"{value:,.0f} {unit}"
 
 
 def clock(seconds: float | None) -> str:

@@ -1,7 +1,6 @@
 """A run's folder: what lies where, and where the run came from; never written over."""
 
 import hashlib
-import json
 import os
 import platform
 import subprocess
@@ -19,7 +18,9 @@ from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import StorageError
-from taichi_slm.output.atomic import make_folder, storage_error, write_text
+from taichi_slm.output.atomic import make_folder, read_json, storage_error, write_text
+
+__all__ = ["RunFolder", "package_version", "processor", "provenance", "read_json", "source_hash"]
 
 PACKAGES = ("taichi", "quadrants", "numpy", "scipy", "vtk", "pyvista", "meshio", "pydantic")
 
@@ -196,19 +197,6 @@ def source_hash() -> str:
         return commit + ("-dirty" if _git(root, "status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):
         return package_version()
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The object in ``path``; a StorageError if it is missing or damaged."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise storage_error("read", path, error) from error
-    except ValueError as error:
-        raise StorageError(f"{path} is damaged: {error}") from error
-    if not isinstance(value, dict):
-        raise StorageError(f"{path} is damaged: it holds no object")
-    return value
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from taichi_slm.analysis.melt_pool import Track, solid_track
 from taichi_slm.errors import StorageError
 from taichi_slm.output.history import read_history
-from taichi_slm.run.progress import clock, quantity
+from taichi_slm.output.numbers import quantity
+from taichi_slm.run.progress import clock
 from taichi_slm.run.recorder import Recorder
 
 # Lost is net of viscous heating, so that absorbed = stored + lost.
