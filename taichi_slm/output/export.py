@@ -1,16 +1,16 @@
 """Snapshots in the formats of other programs: meshio writes them, numpy those of tables.
 
-========  =========================================  =====================================  ===================
-format    files                                      values                                 read by
-========  =========================================  =====================================  ===================
-xdmf      one, and its numbers in HDF5 beside it     every bit                              ParaView, VisIt
-vtk       one a moment (legacy VTK, binary)          every bit                              ParaView, VisIt
-ply       one a moment (binary)                      every bit; a vector is three numbers   Blender, MeshLab
-gmsh      one a moment (.msh 4.1, binary)            every bit; integers become numbers     Gmsh
-avsucd    one a moment (.inp, text)                  15 digits; integers become numbers     VisIt, AVS
-csv       one a moment                               every bit, as text                     pandas, spreadsheets
-npz       one a moment                               every bit                              numpy
-========  =========================================  =====================================  ===================
+========  ==========================================  ======================================  ==================
+format    files                                       values                                  tests read it with
+========  ==========================================  ======================================  ==================
+xdmf      one, and its numbers in HDF5 beside it      every bit                               meshio, VTK
+vtk       one a moment (legacy VTK, binary)           every bit                               meshio, VTK
+ply       one a moment (binary)                       every bit; a vector is three numbers    meshio, VTK
+gmsh      one a moment (.msh 4.1, binary)             every bit; integers become numbers      meshio
+avsucd    one a moment (.inp, text)                   15 digits; integers become numbers      meshio, VTK
+csv       one a moment                                every bit, as text                      csv
+npz       one a moment                                every bit                               numpy
+========  ==========================================  ======================================  ==================
 
 meshio's other formats keep no numbers of lone points, or need libraries that are not installed here. Its series
 writer for XDMF has one set of points for all moments; particles move, so each moment here brings its own.
