@@ -9,11 +9,9 @@ import sys
 from collections.abc import Callable
 from typing import Any, Literal, get_args, get_origin
 
-import numpy as np
 import pytest
 
 from taichi_slm.config.schema import Config
-from taichi_slm.materials.tables import enthalpy_at
 from taichi_slm.run import driver
 
 UM = 1e-6
@@ -97,19 +95,6 @@ def configure() -> Callable[..., Config]:
         return Config.model_validate(merged({"dimension": 2, "time": {"end": 1.0}}, keys))
 
     return build
-
-
-@pytest.fixture(scope="session")
-def impose() -> Callable[..., None]:
-    """Give the particles of a simulation of one material temperatures [K], and all that follows from them."""
-
-    def temperatures(sim: Any, values: np.ndarray) -> None:
-        sim.state.load(temperature=values)
-        if sim.state.needs.heat:
-            sim.state.load(enthalpy=enthalpy_at(sim.host_tables, 0, values))
-        sim.model.set_everywhere()
-
-    return temperatures
 
 
 @pytest.fixture(scope="session")

@@ -117,7 +117,7 @@ TINY = {"shape": "box", "corner": [0, 0], "size": [20 * UM, 15 * UM], "material"
     params=["rkl2", "heun", *(pytest.param(name, marks=pytest.mark.slow) for name in ("trapezoid", "euler"))],
     scope="module",
 )
-def scheme(request, configure, melting, impose):
+def scheme(request, configure, melting):
     """A block of 4 x 3 particles of constant properties under one heat scheme.
 
     Changes of a decaying cosine when its steps are halved and halved again; and where a molten and a cold half end.
@@ -134,13 +134,13 @@ def scheme(request, configure, melting, impose):
     stable = sim.limits.euler(1200.0)
     ends = []
     for splits in (2, 4, 8):
-        impose(sim, wave)
+        sim.impose(wave)
         for _ in range(8 * splits):
             sim.heat.step(stable / splits, False, stable)
         ends.append(sim.temperature)
     changes = [float(np.abs(b - a).max()) for a, b in pairwise(ends)]
 
-    impose(sim, halves)
+    sim.impose(halves)
     sim.run()
     expected = float(temperature_at(sim.host_tables, 0, heat.mean()))
     return request.param, changes, sim.temperature, expected, sim.diagnostics()["stored_J"]

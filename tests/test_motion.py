@@ -19,7 +19,7 @@ UM = 1e-6
 
 @pytest.mark.parametrize("tension", ["balanced", "body_force"])
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_surface_forces_of_a_drop(configure, liquid, impose, dimension, tension):
+def test_surface_forces_of_a_drop(configure, liquid, dimension, tension):
     """Tension inward by sigma kappa, Marangoni along the surface from hot to cold where d sigma/dT < 0."""
     radius, slope, gradient = 60 * UM, -3e-4, np.array([2e6, 1e6, 0.5e6])[:dimension]
     dx = {2: 3 * UM, 3: 6 * UM}[dimension]
@@ -35,7 +35,7 @@ def test_surface_forces_of_a_drop(configure, liquid, impose, dimension, tension)
     sim.compile()
     x = sim.position
     T = 2000 + x @ gradient
-    impose(sim, T)
+    sim.impose(T)
     sim.surface.step()
     normal, strength, kappa, force = (
         sim.state.array(name)

@@ -121,7 +121,7 @@ def _kernel(dx):
 
 
 @pytest.fixture(scope="module")
-def operators(configure, liquid, impose):
+def operators(configure, liquid):
     """Each pass of a step on a square lattice of 30 x 30, with fields whose derivatives are known; numpy results."""
     dx, n, mu, rho = 1e-5, 30, 0.02, 7000.0
     metal = liquid(density=rho, viscosity=mu, conductivity=20, heat_capacity=700, surface_tension=1.5)
@@ -170,7 +170,7 @@ def operators(configure, liquid, impose):
 
     T = 1000 + 0.1 * x**2
     sim.state.load(**even)
-    impose(sim, T)
+    sim.impose(T)
     step = 1e-9
     sim.heat.step(step, False, 1.0)
     found["warming"] = (sim.temperature - T) / step

@@ -22,7 +22,7 @@ from taichi_slm.stress.scenes import SCENES, Setting, stepped, with_numerics
 from taichi_slm.stress.search import largest_stable
 from taichi_slm.stress.watch import INSTANTS, Seen, fault, watch
 from taichi_slm.verification.cases import heat_decay
-from taichi_slm.verification.scenes import HEAT_ONLY, configure, impose
+from taichi_slm.verification.scenes import HEAT_ONLY, configure
 
 
 @pytest.mark.parametrize("edge", [0.2, 0.99, 1.0, 1.7, 5.3])
@@ -93,7 +93,7 @@ def test_the_edge_of_euler_heat_is_that_of_the_theory():
     field = 800.0 + np.random.default_rng(1).uniform(-50.0, 50.0, sim.scene.count)
 
     def stable(multiple):
-        impose(sim, field)
+        sim.impose(field)
         sim.limits = StepLimits(with_numerics(config, {"heat_factor": 0.2 * multiple}), sim.host_tables)
         try:
             for _ in range(200):

@@ -76,12 +76,12 @@ def test_a_pressure_equal_to_the_capillary_one_does_nothing(square, form):
         assert share > 0.1
 
 
-def test_the_traction_is_what_the_viscous_sum_lacks(square, impose):
+def test_the_traction_is_what_the_viscous_sum_lacks(square):
     """Linear shear below a flat top whose Marangoni stress is mu du/dy: no force in either direction, to round-off."""
     sim = square(physics={**FLOW_ONLY, "surface_tension": True, "marangoni": True})
     x, y = sim.position.T
     shear = 50.0  # [1/s]
-    impose(sim, 2000 + MU * shear / SLOPE * (x - x.mean()))
+    sim.impose(2000 + MU * shear / SLOPE * (x - x.mean()))
     sim.state.load(velocity=np.stack([shear * y, np.zeros_like(y)], axis=1))
     sim.surface.step()
     zero = np.zeros(N * N)

@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_slm.config.schema import Config
 from taichi_slm.run.simulation import Simulation
-from taichi_slm.verification.scenes import configure, impose, merged
+from taichi_slm.verification.scenes import configure, merged
 
 UM = 1e-6
 
@@ -44,4 +44,4 @@ def drop(resolution: int = 40, end: float = 1e-4, **changes: Any) -> Config:
 
 def warm(sim: Simulation) -> None:
     """Give the drop a gradient of temperature, so that it conducts and flows [K]: 200 K across its radius."""
-    impose(sim, 2400.0 + 200.0 * np.asarray(sim.position)[:, 0] / (50 * UM))
+    sim.impose(2400.0 + 200.0 * np.asarray(sim.position)[:, 0] / (50 * UM))

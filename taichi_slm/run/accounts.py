@@ -1,10 +1,11 @@
 """What a run reports of itself: accounts, extremes and clamps, one row at a time."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from taichi_slm.solver.ledger import ENERGY
 from taichi_slm.solver.survey import (
     FASTEST,
     HOTTEST,
@@ -21,24 +22,30 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 
+class Books(NamedTuple):
+    """What no account explains, and the size of all momenta [N s, in 2-D N s/m]."""
+
+    energy_error: float  # over the turnover
+    unexplained: float  # energy [J, in 2-D J/m]
+    mass_error: float  # over the mass at the beginning
+    momentum: float
+
+
 class Accounts:
     """Reads a simulation's state and ledger. Energies are in J, in 2-D in J/m; momenta in N s, in 2-D in N s/m."""
 
     def __init__(self, simulation: "Simulation"):
         self._sim = simulation
-        self._survey = Survey(simulation.state, simulation.disc)
+        self._survey = Survey(simulation.state, simulation.disc, simulation.ledger)
+        self._d = simulation.disc.dimension
         self.incident = 0.0  # laser energy that reached the scene, times the absorptivity [J]
 
     def row(self) -> dict[str, float | int | str]:
         """Column -> value, the names of the history file."""
         sim = self._sim
         found = self._survey()
-        energy = sim.ledger.energies()
-        stored = float(found[STORED])
-        brought = energy["absorbed"] + energy["viscous"]
-        left = energy["radiated"] + energy["evaporated"] + energy["conducted_out"] + energy["removed"]
-        scale = max(abs(brought), abs(stored), left)
-        removed_mass = float(sim.ledger.removed_mass[None])
+        energy, removed_mass = self._accounts(found)
+        books = self.books(found)
         low, mean, high = self._packing(int(found[MOBILE_COUNT]))
         return {
             "step": sim.steps,
@@ -50,12 +57,11 @@ class Accounts:
             "max_temperature_K": float(found[HOTTEST]),
             "max_speed_m_s": math.sqrt(found[FASTEST]),
             "absorbed_J": energy["absorbed"],
-            "stored_J": stored,
+            "stored_J": float(found[STORED]),
             "radiated_J": energy["radiated"],
             "conducted_out_J": energy["conducted_out"],
-            "energy_error": abs(brought - stored - left) / scale if scale > 0 else 0.0,
-            "mass_error": abs(float(found[PRESENT_MASS]) + removed_mass - sim.initial_mass)
-            / sim.initial_mass,
+            "energy_error": books.energy_error,
+            "mass_error": books.mass_error,
             "removed": int(sim.ledger.removed[None]),
             "evaporated_J": energy["evaporated"],
             "removed_J": energy["removed"],
@@ -63,7 +69,10 @@ class Accounts:
             "passed_through_J": self.incident - energy["absorbed"],
             "removed_kg": removed_mass,
             "momentum_error": self._momentum_error(found),
-            **{f"momentum_{axis}": float(part) for axis, part in zip("xyz", found[MOMENTUM:], strict=False)},
+            **{
+                f"momentum_{axis}": float(part)
+                for axis, part in zip("xyz", self._momentum(found), strict=False)
+            },
             "packing_low": low,
             "packing_mean": mean,
             "packing_high": high,
@@ -71,6 +80,30 @@ class Accounts:
             "surface_evaluations": sim.surface.evaluations if sim.surface is not None else 0,
             **sim.ledger.clamp_counts(),
         }
+
+    def books(self, found: np.ndarray | None = None) -> Books:
+        """The errors of the accounts, from a survey: ``found``, or a new one."""
+        sim = self._sim
+        found = self._survey() if found is None else found
+        (energy, removed_mass), stored = self._accounts(found), float(found[STORED])
+        brought = energy["absorbed"] + energy["viscous"]
+        left = energy["radiated"] + energy["evaporated"] + energy["conducted_out"] + energy["removed"]
+        unexplained, scale = abs(brought - stored - left), max(abs(brought), abs(stored), left)
+        lost = float(found[PRESENT_MASS]) + removed_mass - sim.initial_mass
+        return Books(
+            unexplained / scale if scale != 0.0 else 0.0,  # NaN stays NaN
+            unexplained,
+            abs(lost) / sim.initial_mass,
+            float(found[MOMENTUM_SCALE]),
+        )
+
+    def _momentum(self, found: np.ndarray) -> np.ndarray:
+        return found[MOMENTUM : MOMENTUM + self._d]
+
+    def _accounts(self, found: np.ndarray) -> tuple[dict[str, float], float]:
+        """Energy accounts by name [J], and the removed mass [kg], from a survey."""
+        removed, *energies = found[MOMENTUM + self._d :].tolist()
+        return dict(zip(ENERGY, energies, strict=True)), removed
 
     def present_mass(self) -> float:
         """Mass of all particles that are not removed [kg], summed in the order of every later sum."""
@@ -83,7 +116,7 @@ class Accounts:
         return {
             "initial": sim.initial_momentum.tolist(),
             **parts,
-            "present": self._survey()[MOMENTUM:].tolist(),
+            "present": self._momentum(self._survey()).tolist(),
         }
 
     def _momentum_error(self, found: np.ndarray) -> float:
@@ -91,7 +124,7 @@ class Accounts:
         impulses = self._sim.ledger.impulses()
         came = impulses["gravity"] + impulses["walls"] + impulses["surface"]
         went = impulses["frozen"] + impulses["removed"]
-        unexplained = found[MOMENTUM:] - self._sim.initial_momentum - came + went
+        unexplained = self._momentum(found) - self._sim.initial_momentum - came + went
         scale = sum(float(np.linalg.norm(part)) for part in impulses.values()) + float(found[MOMENTUM_SCALE])
         return float(np.linalg.norm(unexplained)) / scale if scale > 0 else 0.0
 

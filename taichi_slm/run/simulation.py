@@ -13,13 +13,14 @@ from taichi_slm.errors import BlowUpError
 from taichi_slm.physics.laser import line_power
 from taichi_slm.physics.phase_change import RELEASE_BY
 from taichi_slm.run.accounts import Accounts
+from taichi_slm.run.guards import Guards
 from taichi_slm.scene.beam import BeamPath
 from taichi_slm.scene.build import build_scene
 from taichi_slm.scene.program import program_temperature
 from taichi_slm.scene.scene import Scene
 from taichi_slm.solver.flow import LOST
 from taichi_slm.solver.heat import HOTTEST, HOTTEST_ID, LEFT_RIM, MOVING, WAITING
-from taichi_slm.solver.initial import load_initial_state
+from taichi_slm.solver.initial import impose_temperature, load_initial_state
 from taichi_slm.solver.model import Model
 from taichi_slm.state import REMOVED
 
@@ -66,6 +67,7 @@ class Simulation:
         self.hottest, self.hottest_id = beginning.hottest, beginning.hottest_id
         self.accounts = Accounts(self)
         self.initial_mass = self.accounts.present_mass()
+        self.guards = Guards(self)
 
     def compile(self) -> None:
         """Compile every kernel by launching it over no particles; then find the neighbours."""
@@ -103,19 +105,21 @@ class Simulation:
         self.advance(self.config.time.end)
 
     def step(self) -> None:
-        """One heat step with its flow steps."""
-        self._span(self.config.time.end)
+        """One heat step with its flow steps. Raises BlowUpError."""
+        with self.guards.told():
+            self._span(self.config.time.end)
 
     def advance(self, until: float) -> None:
         """Step until ``until`` [s] exactly, or until the scene is finished. Raises BlowUpError."""
         if self.activity.builds == 0:
             self.compile()
         began = time.perf_counter()
-        while self.time < until * (1.0 - 1e-12) and not self.finished:
-            self._span(until)
-        self.activity.renew()
-        if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
-            self.activity.build()  # names who is lost
+        with self.guards.told():
+            while self.time < until * (1.0 - 1e-12) and not self.finished:
+                self._span(until)
+            self.activity.renew()
+            if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
+                self.activity.build()  # names who is lost
         self.solver_time_s += time.perf_counter() - began
 
     def _span(self, until: float) -> None:
@@ -129,14 +133,16 @@ class Simulation:
         self.activity.beam_at(centre)
         dt = span / steps
         for number in range(steps):
-            self._impose(self.time + (number + 0.5) * dt)
+            self._follow_programs(self.time + (number + 0.5) * dt)
             if self.flow_step is not None and self.moving:
                 self.flow_step(dt)
                 self.particle_steps += self.rows.mobile
+                self.guards.accounts(self.steps + number + 1, heat=False)
         if self.heat is not None:
             self._heat(span, centre)
         self.dt = dt
         self.steps += steps
+        self.guards.accounts(self.steps, heat=True)
         self.time = until if math.isclose(self.time + span, until, rel_tol=1e-12) else self.time + span
 
     def _choose(self, remaining: float) -> tuple[float, int]:
@@ -145,6 +151,7 @@ class Simulation:
         flow_dt, limiter = math.inf, "output"
         if self.flow_step is not None and self.moving:
             fastest = math.sqrt(self.flow_step.flow.fastest[None])
+            self.guards.speed(fastest)
             limits = self.limits.flow(self.hottest, fastest)
             limiter = min(limits, key=lambda name: limits[name])
             flow_dt = limits[limiter]
@@ -203,7 +210,7 @@ class Simulation:
             return None
         return self.beam.position(0.5 * (start + end))
 
-    def _impose(self, t: float) -> None:
+    def _follow_programs(self, t: float) -> None:
         for number, program in self.scene.programs.items():
             self.model.set_body(number, program_temperature(program, t))
 
@@ -235,6 +242,10 @@ class Simulation:
                 f"heat: particle {self.hottest_id} is at {self.hottest:.0f} K, beyond the end of the property tables "
                 f"({top:.0f} K); less power, physics.evaporation or a finer spacing may help"
             )
+
+    def impose(self, temperature: np.ndarray) -> None:
+        """Give the particles temperatures [K], shape [n], and all that follows; energy is counted from here."""
+        impose_temperature(self.model, temperature)
 
     # ----------------------------------------------------------------- results
 

@@ -38,14 +38,34 @@ def load_initial_state(model: Model) -> Beginning:
         kind=WALL * scene.wall + HELD * scene.held, velocity=velocity, mobility=np.where(mobile, MOBILE, STILL),
     )  # fmt: skip
     if state.needs.heat:
-        kinds, index = np.unique(np.column_stack([m, T]), axis=0, return_inverse=True)
-        H = np.array([float(enthalpy_at(tables, int(k), t)) for k, t in kinds])[index.reshape(-1)]
+        H = _enthalpy(tables, m, T)
         state.load(enthalpy=H, enthalpy_initial=H)
     if state.needs.flow:
         state.load(shepard=np.ones(scene.count))
     model.set_everywhere()
     momentum = np.sum(mass[:, None] * velocity, axis=0)
     return Beginning(momentum, float(T.max()), int(T.argmax()), int(np.count_nonzero(mobile)))
+
+
+def impose_temperature(model: Model, temperature: np.ndarray) -> None:
+    """Give all particles temperatures [K], shape [n], and all that follows; the accounts of energy begin here."""
+    state = model.state
+    state.load(temperature=temperature)
+    if state.needs.heat:
+        H = _enthalpy(model.host_tables, model.scene.material, temperature)
+        state.load(enthalpy=H, enthalpy_initial=H)
+        model.ledger.energy.fill(0.0)
+    model.set_everywhere()
+
+
+def _enthalpy(tables: PropertyTables, material: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+    """Enthalpy [J/kg] of particles of ``material`` at ``temperature`` [K], shape [n]."""
+    H = np.empty(len(temperature))
+    for number in np.unique(material):
+        own = material == number
+        different, index = np.unique(temperature[own], return_inverse=True)
+        H[own] = np.asarray(enthalpy_at(tables, int(number), different))[index.reshape(-1)]
+    return H
 
 
 def look_up(tables: PropertyTables, name: str, material: np.ndarray, temperature: np.ndarray) -> np.ndarray:

@@ -2,11 +2,7 @@
 
 from typing import Any
 
-import numpy as np
-
 from taichi_slm.config.schema import Config
-from taichi_slm.materials.tables import enthalpy_at
-from taichi_slm.run.simulation import Simulation
 
 _BY_PHASE = ("density", "heat_capacity", "conductivity", "viscosity")
 FLOW_ONLY: dict[str, Any] = {
@@ -60,11 +56,3 @@ def melting(**laws: Any) -> dict[str, Any]:
         "conductivity": 20.9, "viscosity": 0.006, "maximum_temperature": 6000,
     }  # fmt: skip
     return metal(**{**plain, **laws})
-
-
-def impose(sim: Simulation, temperature: np.ndarray) -> None:
-    """Give the particles of a simulation of one material temperatures [K], shape [n], and all that follows."""
-    sim.state.load(temperature=temperature)
-    if sim.state.needs.heat:
-        sim.state.load(enthalpy=enthalpy_at(sim.host_tables, 0, temperature))
-    sim.model.set_everywhere()

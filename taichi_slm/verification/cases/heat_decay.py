@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Case, Curve, Outcome
-from taichi_slm.verification.scenes import HEAT_ONLY, configure, impose, liquid
+from taichi_slm.verification.scenes import HEAT_ONLY, configure, liquid
 
 LENGTH, MEAN, HEIGHT = 100e-6, 800.0, 300.0
 K, RHO, HEAT_CAPACITY = 20.9, 7200.0, 711.2
@@ -52,7 +52,7 @@ def decay(dimension: int, per_length: int, **numerics: object) -> float:
     )  # fmt: skip
     sim = Simulation(config, threads=1)
     wave = np.prod(np.cos(np.pi * sim.position / LENGTH), axis=1)
-    impose(sim, MEAN + HEIGHT * wave)
+    sim.impose(MEAN + HEIGHT * wave)
     sim.run()
     return l2((sim.temperature - MEAN) / (HEIGHT * math.exp(-0.5)), wave)
 
@@ -82,7 +82,7 @@ def jump(per_length: int, **numerics: object) -> tuple[float, np.ndarray, np.nda
     sim = Simulation(config, threads=1)
     x = sim.position[:, 0] / LENGTH
     wave = np.where(x < 1, np.cos(b1 * np.minimum(x, 1)), B * np.cos(b2 * (2 - x)))
-    impose(sim, MEAN + HEIGHT * wave)  # both materials have the same enthalpy
+    sim.impose(MEAN + HEIGHT * wave)  # both materials have the same enthalpy
     sim.run()
     found = (sim.temperature - MEAN) / (HEIGHT * math.exp(-0.5))
     order = np.argsort(x)

@@ -18,7 +18,7 @@ import numpy as np
 
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Case, Curve, Outcome
-from taichi_slm.verification.scenes import FLOW_ONLY, configure, impose, liquid
+from taichi_slm.verification.scenes import FLOW_ONLY, configure, liquid
 
 STRESS, T0, G = 0.2, 2000.0, 100.0  # |sigma_T| G [N/m^2], [K], [K/m]
 
@@ -52,7 +52,7 @@ def history(
     sim = Simulation(config, threads=1)
     rows: list[list[float]] = []
     while sim.time < config.time.end * (1 - 1e-9):
-        impose(sim, T0 + G * sim.position[:, 0])
+        sim.impose(T0 + G * sim.position[:, 0])
         for _ in range(4):  # the surface slides by less than 0.02 dx
             sim.step()
         slid = sim.time * speed * resolution

@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Case, Curve, Outcome
-from taichi_slm.verification.scenes import FLOW_ONLY, configure, impose, liquid
+from taichi_slm.verification.scenes import FLOW_ONLY, configure, liquid
 
 STRESS, T0, G, LENGTH, SIGMA = 0.2, 2000.0, 100.0, 6.0, 20.0
 TOP = STRESS / 4.0  # speed of the surface
@@ -44,7 +44,7 @@ def profile(resolution: int, **numerics: object) -> tuple[np.ndarray, np.ndarray
     moves = ~sim.scene.wall
     heights, speeds = [], []
     while sim.time < END * (1 - 1e-9):
-        impose(sim, T0 + G * sim.position[:, 0])
+        sim.impose(T0 + G * sim.position[:, 0])
         for _ in range(4):
             sim.step()
         if sim.time > END / 3:
