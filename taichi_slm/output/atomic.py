@@ -70,6 +70,13 @@ def whole_file(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def sweep(folder: Path) -> None:
+    """Remove the temporary files that a killed writer left in ``folder`` and below; nobody may be writing there."""
+    for left in folder.rglob(".*.tmp"):
+        with contextlib.suppress(OSError):
+            left.unlink()
+
+
 def write_text(path: Path, text: str) -> None:
     """Give ``path`` the content ``text``, as UTF-8."""
     write_bytes(path, text.encode("utf-8"))

@@ -104,13 +104,14 @@ def read_history(path: Path) -> dict[str, np.ndarray]:
     return columns
 
 
-def keep_until(path: Path, step: int) -> None:
-    """Drop the rows after ``step``: a resumed run writes them anew."""
+def keep_until(path: Path, step: int) -> bool:
+    """Drop the rows after ``step``, for a resumed run; returns whether there is one of that very step."""
     rows = _rows(path)
-    if rows:
-        write_bytes(
-            path, b"".join(_line(row) for row in [rows[0], *(r for r in rows[1:] if int(r[0]) <= step)])
-        )
+    if not rows:
+        return False
+    kept = [row for row in rows[1:] if int(row[0]) <= step]
+    write_bytes(path, b"".join(_line(row) for row in [rows[0], *kept]))
+    return bool(kept) and int(kept[-1][0]) == step
 
 
 def _rows(path: Path) -> list[list[str]]:

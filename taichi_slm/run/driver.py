@@ -15,7 +15,7 @@ from rich.console import Console
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import BlowUpError, InterruptedRunError, SlmError, StoppedError, StorageError
-from taichi_slm.output.atomic import read_json, write_json
+from taichi_slm.output.atomic import read_json, sweep, write_json
 from taichi_slm.output.numbers import quantity
 from taichi_slm.run.checkpoint import Checkpoint, latest_good
 from taichi_slm.run.progress import Progress, clock
@@ -64,6 +64,7 @@ def resume(path: Path, threads: int | None = None, console: Console | None = Non
     facts = read_json(folder.provenance)
     if folder.status.is_file() and read_json(folder.status).get("state") == "done":
         raise StorageError(f"{path} has run to its end: there is nothing to resume")
+    sweep(path)
     checkpoint = latest_good(folder.checkpoints)
     threads = threads if threads is not None else facts.get("threads")
     config = load_config(folder.resolved).config

@@ -53,8 +53,10 @@ class Recorder:
         self.saves = Every(output.checkpoint_interval or end / 10, after)
 
     def _cut_back(self, resumed: Checkpoint) -> None:
-        keep_until(self.folder.history, resumed.step)
-        limit = float(resumed.meta["time_s"]) + TOLERANCE * self.sim.config.time.end
+        now = float(resumed.meta["time_s"])
+        if keep_until(self.folder.history, resumed.step):
+            self._last_row = now
+        limit = now + TOLERANCE * self.sim.config.time.end
         self.entries = [
             (moment, f"{path.parent.name}/{path.name}")
             for moment, path in read_series(self.folder.series)
@@ -64,6 +66,8 @@ class Recorder:
             if int(path.stem) >= len(self.entries):
                 with contextlib.suppress(OSError):
                     path.unlink()
+        if self.entries and self.entries[-1][0] > now - TOLERANCE * self.sim.config.time.end:
+            self._last_snapshot = now
         write_series(self.folder.series, self.entries)
 
     def next_moment(self) -> float:
