@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from taichi_slm.compiler import compiler
+from taichi_slm.errors import ConfigError
 
 
 def _lazy(name: str) -> ModuleType:
@@ -37,7 +38,8 @@ ti: Any = _lazy(compiler())
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, debug: bool = False) -> None:
     """Initialise Taichi: once per simulation; all fields of an earlier one are gone.
 
-    ``precision`` is that of the particle fields; accounts are always f64.
+    ``precision`` is that of the particle fields; accounts are always f64. Raises ConfigError for an ``arch`` that is
+    not there.
     """
     options: dict[str, Any] = {
         "arch": getattr(ti, arch),
@@ -53,6 +55,10 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     before = _own_threads()
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints a greeting, which is nobody's output
         ti.init(**options)
+    if (
+        ti.lang.impl.current_cfg().arch != options["arch"]
+    ):  # Taichi says so on stdout at most, and takes the CPU
+        raise ConfigError(f"--arch {arch}: this machine cannot do that; taichi-slm doctor says what works")
     if arch == "cpu" and threads != 1:
         _spread(_own_threads() - before)
 

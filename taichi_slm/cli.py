@@ -322,7 +322,8 @@ def bench(
 @app.command()
 def stress(
     subject: Annotated[
-        list[str] | None, typer.Argument(help="drop, column, weld, track, drift, margins; all by default.")
+        list[str] | None,
+        typer.Argument(help="drop, column, weld, track, drift, margins, endurance; all by default."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of stress.json, the CSV files and the plots.")] = Path(
         "stress"

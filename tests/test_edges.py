@@ -1,9 +1,13 @@
 """Edges: the end of time, nothing viscous, nothing conducting, NaN. Each failed once."""
 
+import sys
+
 import numpy as np
 import pytest
+from fake_run import loaded
 
-from taichi_slm.errors import BlowUpError
+from taichi_slm.errors import BlowUpError, ConfigError
+from taichi_slm.run import driver
 from taichi_slm.run.simulation import Simulation
 
 OFF = {
@@ -89,3 +93,11 @@ def test_a_resumed_run_counts_surface_evaluations_on(track):
     rest = Simulation(config)
     rest.restore(saved)
     assert rest.diagnostics()["surface_evaluations"] == before > 0
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="macOS has Metal")
+def test_a_device_that_is_not_there_is_refused(track, tmp_path):
+    """Taichi falls back to the CPU and tells nobody; the run's provenance then said metal."""
+    with pytest.raises(ConfigError, match="--arch metal"):
+        driver.execute(loaded(track()), tmp_path / "run", arch="metal")
+    assert not (tmp_path / "run").exists()

@@ -15,7 +15,7 @@ from taichi_slm.config.shipped import scene_names
 from taichi_slm.errors import BlowUpError
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.solver.timestep import StepLimits
-from taichi_slm.stress import edges, margins, stress
+from taichi_slm.stress import edges, endurance, margins, stress
 from taichi_slm.stress.page import write_page
 from taichi_slm.stress.processes import side_by_side
 from taichi_slm.stress.scenes import SCENES, Setting, stepped, with_numerics
@@ -210,3 +210,14 @@ def test_a_wrong_subject_is_named():
     assert result.exit_code != 0
     assert "did you mean 'column'" in str(result.exception)
     assert result.exception.exit_code == 2
+
+
+@pytest.mark.slow
+def test_memory_files_and_step_time_of_a_long_run_stay_flat():
+    """60,000 steps here; a million, with the same function, in docs/stability.md (`taichi-slm stress endurance`)."""
+    found = endurance.flatness(endurance.watch(60_000, lambda _: None))
+    assert found["steps"] >= 60_000
+    # Python's own heap breathes by a megabyte or two; a leak of a float a step would be half of that
+    assert found["growth of memory [bytes]"] < 4e6
+    assert found["growth of open files"] <= 0
+    assert found["last quarter over second"] < 2.0  # other work may slow a shared machine for a while

@@ -1,6 +1,7 @@
 """One run from config to closing lines: `execute` a new one, `resume` one that stopped."""
 
 import contextlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,14 @@ from rich.console import Console
 
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.schema import Config
-from taichi_slm.errors import BlowUpError, InterruptedRunError, SlmError, StoppedError, StorageError
+from taichi_slm.errors import (
+    BlowUpError,
+    ConfigError,
+    InterruptedRunError,
+    SlmError,
+    StoppedError,
+    StorageError,
+)
 from taichi_slm.output.atomic import read_json, sweep, write_json
 from taichi_slm.output.numbers import quantity
 from taichi_slm.run.checkpoint import Checkpoint, latest_good
@@ -48,7 +56,11 @@ def execute(
     console = console or Console()
     folder = RunFolder.create(loaded, out)
     _say(console, f"run {folder.path}")
-    sim = _build(loaded.config, arch, precision, threads)
+    try:
+        sim = _build(loaded.config, arch, precision, threads)
+    except ConfigError:  # asked for what this machine lacks: nothing was begun, and nothing is left behind
+        shutil.rmtree(folder.path, ignore_errors=True)
+        raise
     facts = provenance(
         loaded.config, loaded.resolved_text, loaded.path, sim.scene.materials, arch, precision, threads
     )

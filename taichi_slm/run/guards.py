@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_slm.errors import BlowUpError
-from taichi_slm.run.progress import quantity
+from taichi_slm.output.numbers import quantity
 from taichi_slm.state import REMOVED
 
 if TYPE_CHECKING:

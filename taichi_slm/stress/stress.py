@@ -1,4 +1,4 @@
-"""The subjects of `taichi-slm stress`: the edges of four scenes, the energy below them, the margin of every scene."""
+"""The subjects of `taichi-slm stress`: the edges of four scenes, energy below them, all scenes' margins, a long run."""
 
 import functools
 import importlib
@@ -19,6 +19,7 @@ SUBJECTS = {
     "track": "The largest stable step of each limit: the track",
     "drift": "Energy below the edge",
     "margins": "Margin of every shipped scene",
+    "endurance": "A million steps",
 }
 
 
