@@ -1,13 +1,16 @@
 """What mkdocs needs to make a site of pages that are written for a git host (a hook of mkdocs.yml).
 
 The first page is the README and the last CHANGELOG.md. Links keep leading to the file that they name: to its page where
-it has one, else to a copy of the file that goes into the site under ``source/``.
+it has one, else to a copy of the file that goes into the site under ``source/``. Formulas (blocks of ``math``) become
+MathML, which browsers draw without a script from elsewhere.
 """
 
 import os
 import re
 from pathlib import Path, PurePosixPath
+from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -15,6 +18,18 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 OUTSIDE = {"README.md": "index.md", "CHANGELOG.md": "changelog.md"}  # pages that do not lie in docs/
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Draw the blocks of ``math``."""
+    fences = config.mdx_configs.setdefault("pymdownx.superfences", {})
+    fences["custom_fences"] = [{"name": "math", "class": "formula", "format": formula}]
+    return config
+
+
+def formula(source: str, *_: Any, **__: Any) -> str:
+    """A block of TeX as MathML."""
+    return f'<div class="formula">{convert(source, display="block")}</div>'
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -52,10 +52,9 @@ SMALLER: dict[str, dict[str, Any]] = {
     "plate.yaml": {"spacing": "10 um", "time": {"end": "20 us"}, "output": {"images_at_most": 0}},
 }
 # A command as it is printed, and what the slow tests run in its place; the fast ones parse it. Commands that others
-# build upon cannot be here.
+# build upon, or that build upon others, cannot be here.
 LONG = {
     "taichi-slm doctor": "",
-    "taichi-slm render runs/first --movie": "",
     "taichi-slm run configs/track_150W.yaml --set laser.power=100 --out runs/weaker": "",
     "taichi-slm run powder.yaml --out runs/powder": "",
     "taichi-slm run weld.yaml --out runs/weld": "",
@@ -75,7 +74,7 @@ LONG_PYTHON = {"studies.md"}  # pages whose Python runs a study
 OTHER_PYTHON = {"README.md"}  # test_readme.py runs it, and looks at what it prints
 CLUSTER = {"dask", "srun", "sleep"}  # programs of a cluster; what stands beside them is parsed
 CHECKS = {"ruff", "lint-imports", "mypy"}  # on the page of the worked term
-SHOWN = {"text", "diff"}  # languages of blocks that nothing can run
+SHOWN = {"text", "diff", "math"}  # languages of blocks that nothing can run
 USAGE_ERROR = typer.BadParameter.__mro__[1]  # of click, which typer has its own copy of since 0.22
 
 

@@ -143,7 +143,7 @@ def three(vectors: np.ndarray) -> np.ndarray:
 
 
 def read_snapshot(path: Path) -> Snapshot:
-    """Read a VTU written by :func:`write_snapshot`; a missing, truncated or empty file is a StorageError."""
+    """Read a VTU written by ``write_snapshot``; a missing, truncated or empty file is a StorageError."""
     _check_whole(path)
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkCommand, vtkLogger, vtkObject

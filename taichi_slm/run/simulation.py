@@ -34,7 +34,7 @@ FLOW_ONLY_STEPS = 8  # flow steps between looks at the clock in a scene without 
 
 
 class Simulation:
-    """Build with a :class:`Config`; then ``step()``, ``advance(until)`` or ``run()``.
+    """Build with a ``Config``; then ``step()``, ``advance(until)`` or ``run()``.
 
     One per process at a time: building one resets Taichi, and an earlier one's fields are gone.
     ``temperature``, ``position``, ``velocity`` ... are numpy copies of all particles, removed ones included.
@@ -303,7 +303,7 @@ class Simulation:
         return saved
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Continue from a :meth:`checkpoint` of the same config."""
+        """Continue from a ``checkpoint`` of the same config."""
         if self.activity.builds == 0:
             self.compile()
         self.state.load(**{name: saved[f"state.{name}"] for name in self.state.names})
