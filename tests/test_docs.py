@@ -45,7 +45,7 @@ SMALLER: dict[str, dict[str, Any]] = {
     "configs/track_150W.yaml": {
         "spacing": "10 um",
         "time": {"end": "20 us"},
-        "output": {"snapshot_interval": "10 us", "images_at_most": 1},
+        "output": {"snapshot_interval": "10 us", "images": ["temperature"], "images_at_most": 1},
     },
     "configs/studies/power.yaml": {"axes": [{"kind": "grid", "values": {"laser.power": [50, 150]}}]},
     "weld.yaml": {"time": {"end": "20 us"}, "spacing": "10 um", "output": {"images_at_most": 0}},
@@ -56,7 +56,9 @@ SMALLER: dict[str, dict[str, Any]] = {
 LONG = {
     "taichi-slm doctor": "",
     "taichi-slm run configs/track_150W.yaml --set laser.power=100 --out runs/weaker": "",
+    "taichi-slm run plate.yaml --out runs/plate": "",
     "taichi-slm run powder.yaml --out runs/powder": "",
+    "taichi-slm materials aluminium --plot aluminium.png": "",
     "taichi-slm run weld.yaml --out runs/weld": "",
     "taichi-slm run passes.yaml --out runs/passes": "",
     "taichi-slm run layers.yaml --out runs/layers": "",
