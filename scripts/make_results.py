@@ -52,7 +52,7 @@ class Run:
     @property
     def command(self) -> str:
         """What was typed, without the paths of one machine."""
-        words = ["taichi-slm", *(_tidy(word) for word in self.facts["argv"][1:])]
+        words = ["taichi-slm", *(tidy(word) for word in self.facts["argv"][1:])]
         return shlex.join(words)
 
 
@@ -132,7 +132,7 @@ def pictures(run: Run) -> list[tuple[Path, str]]:
     return chosen
 
 
-def shrink(source: Path, width: int) -> bytes:
+def shrink(source: Path | io.BytesIO, width: int) -> bytes:
     """The picture at most ``width`` [px] wide, with a palette of its own, as the bytes of a PNG."""
     image = Image.open(source).convert("RGB")
     if image.width > width:
@@ -151,7 +151,7 @@ def write(runs_folder: Path, docs: Path) -> None:
     facts = runs[0].facts
     machine = f"{facts['machine']['processor']}, {facts['machine']['cores']} cores"
     head = HEAD.format(
-        runs=_tidy(str(runs_folder)), version=facts["version"], git=facts["git"][:12], machine=machine
+        runs=tidy(str(runs_folder)), version=facts["version"], git=facts["git"][:12], machine=machine
     )
     lines = [head, *table(runs), *tracks(runs)]
     wanted: dict[str, Path] = {}
@@ -191,7 +191,7 @@ def _micrometres(value: float | None) -> str:
     return "-" if value is None else f"{1e6 * value:.1f}"
 
 
-def _tidy(word: str) -> str:
+def tidy(word: str) -> str:
     """An absolute path relative to the working directory, or its last part; anything else as it is."""
     if not os.path.isabs(word):
         return word

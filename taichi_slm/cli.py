@@ -147,8 +147,8 @@ def render(
     kind: Annotated[
         list[str] | None,
         typer.Option(
-            help="Instead of output.images: temperature, state, velocity, tracer, material; in 3-D also cut, "
-            "isosurface, streamlines."
+            help="Instead of output.images: temperature, state, velocity, surface_force, tracer, material; in "
+            "3-D also cut, isosurface, streamlines."
         ),
     ] = None,
 ) -> None:

@@ -172,6 +172,7 @@ class FakeSimulation:
             "liquid_fraction": fraction,
             "density": np.full(count, 7000.0),
             "pressure": np.zeros(count),
+            "surface_force": 7e9 * fraction[:, None] * np.eye(self.config.dimension)[-1],  # 1e6 m/s^2 upwards
             "material": self.scene.material,
             "tracer": self.scene.tracer,
             "id": np.arange(count, dtype=np.int32),

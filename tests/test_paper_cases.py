@@ -74,6 +74,16 @@ def test_cells_of_a_lattice_are_its_cells(dimension):
     assert cell_volumes(np.concatenate(images))[:80].sum() == pytest.approx(1.0)
 
 
+def test_volume_errors_of_a_disc_are_what_is_put_in():
+    """Cells inside a lattice are dx^2: areas that should be larger by a twentieth give an error of 1/1.05 - 1."""
+    axis = np.arange(-20, 21) * 0.05
+    x = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    x = x[np.linalg.norm(x, axis=1) < 1.0] + [3.0, -2.0]
+    exact = np.full(len(x), 0.05**2)
+    assert thermal_cycle.volume_errors(x, exact) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert thermal_cycle.volume_errors(x, 1.05 * exact) == pytest.approx((1 / 1.05 - 1,) * 2)
+
+
 def test_mixing_of_made_up_particles():
     """Two halves, stripes two particles thick, a chess board and a random deal."""
     x = np.stack(np.meshgrid(np.arange(40.0), np.arange(40.0)), axis=-1).reshape(-1, 2)

@@ -9,18 +9,18 @@ import pytest
 from fake_run import driven, pixels, share
 
 from taichi_slm.errors import ConfigError, StorageError
-from taichi_slm.output.snapshots import Snapshot, read_series, spread, write_series
+from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread, write_series
 from taichi_slm.render import paint
 from taichi_slm.render.frame import frame
 from taichi_slm.render.isotherm import smooth
 from taichi_slm.render.movie import GIF_BYTES, film_run
-from taichi_slm.render.views import Clock, render_run
+from taichi_slm.render.views import Clock, Studio, open_run, render_run, scales
 
 
 def test_pictures_in_2d(tmp_path, monkeypatch, gl):
     folder = driven(tmp_path, monkeypatch)
-    files = render_run(folder, ["temperature", "state", "velocity", "tracer", "material"])
-    assert len(files) == 15
+    files = render_run(folder, ["temperature", "state", "velocity", "surface_force", "tracer", "material"])
+    assert len(files) == 18
     assert files[0] == folder / "renders/temperature_000000.png"
     images = {path.stem: pixels(path) for path in files}
     assert len({image.shape for image in images.values()}) == 1  # the same camera throughout
@@ -108,6 +108,58 @@ def test_states_can_be_told_apart():
     colours = paint.paint("state", Snapshot(arrays, 0.0, 0, 2, 1e-6), None)
     assert len(np.unique(colours, axis=0)) == 5
     np.testing.assert_array_equal(colours[[0, 1, 4]], [paint.UNMELTED, paint.RESOLIDIFIED, paint.LIQUID])
+
+
+def test_surface_force_is_shown_as_an_acceleration(tmp_path, monkeypatch):
+    folder = driven(tmp_path, monkeypatch)
+    config, kinds, series = open_run(folder, ["surface_force"])
+    assert kinds == ["surface_force"]
+    last = read_snapshot(series[-1])
+    found = scales(folder, config, [last])
+    assert found.force == 1e6  # 7e9 N/m^3 over 7000 kg/m^3
+    colours = paint.paint("surface_force", last, found)
+    solid = last.arrays["liquid_fraction"] == 0.0
+    assert (colours[solid] == paint.GREY).all()
+    assert len(np.unique(colours[last.arrays["liquid_fraction"] == 1.0], axis=0)) == 1
+    title = paint.key("surface_force", found, 2)
+    assert title.title.endswith("[µm/µs²]")
+    assert title.ticks[-1] == (1.0, "1")
+
+
+def test_pictures_of_a_force_that_there_is_not_are_a_sentence(tmp_path, monkeypatch):
+    folder = driven(tmp_path, monkeypatch, physics={"surface_tension": False, "marangoni": False})
+    with pytest.raises(ConfigError, match="surface tension, which is off"):
+        render_run(folder, ["surface_force"])
+
+
+def test_close_up_shows_the_box_and_nothing_else(tmp_path, monkeypatch, gl):
+    folder = driven(tmp_path, monkeypatch)
+    config, _, series = open_run(folder)
+    snapshot = read_snapshot(series[-1])
+    box = np.array([[100e-6, -50e-6], [300e-6, 60e-6]])
+    studio = Studio(folder, config, [snapshot], box)
+    ((_, image),) = studio.draw(snapshot, ["state"])
+    low, high = studio.whole.pixels(np.column_stack([box, [0.0, 0.0]]))
+    studio.close()
+    assert studio.whole.scale > 5e6  # px/m: 200 um fill more than 1000 px
+    metal = np.argwhere((image[80:-160] < 250).any(axis=2))[:, 1]
+    assert metal.min() >= low[0] - 0.7 * 10e-6 * studio.whole.scale
+    assert metal.max() <= high[0] + 0.7 * 10e-6 * studio.whole.scale
+
+
+@pytest.mark.parametrize("name", ["paper_figures", "gallery", "make_results"])
+def test_scripts_without_runs_end_with_a_sentence(tmp_path, name):
+    script = Path(__file__).parents[1] / f"scripts/{name}.py"
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path), "--docs", str(tmp_path / "docs")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("no finished run")
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "docs").exists()
 
 
 def test_time_stamps():

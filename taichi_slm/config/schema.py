@@ -243,7 +243,15 @@ class RunTime(Frozen):
 
 
 Picture = Literal[
-    "temperature", "state", "velocity", "tracer", "material", "cut", "isosurface", "streamlines"
+    "temperature",
+    "state",
+    "velocity",
+    "surface_force",
+    "tracer",
+    "material",
+    "cut",
+    "isosurface",
+    "streamlines",
 ]
 ONLY_3D: tuple[Picture, ...] = ("cut", "isosurface", "streamlines")
 
@@ -256,8 +264,8 @@ class Output(Frozen):
     checkpoint_interval: PositiveTime | None = Field(None, description="default: end / 10")
     images: list[Picture] = Field(
         default_factory=lambda: ["temperature", "state"],  # type: ignore[arg-type]
-        description="kinds of pictures; the last three in 3-D only: the section y = 0, the surface of the melting "
-        "temperature, streamlines of the melt",
+        description="kinds of pictures; in 3-D only: cut (the section y = 0), isosurface (of the melting "
+        "temperature) and streamlines (of the melt)",
     )
     images_at_most: Annotated[int, Field(ge=0)] = Field(
         12, description="snapshots that become pictures at the end of a run"

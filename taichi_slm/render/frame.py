@@ -69,6 +69,11 @@ def frame(points: np.ndarray, margin: float, elevation: float = ELEVATION) -> Fr
     return Frame(window, scale, middle @ np.stack([right, up, towards]), right, up)
 
 
+def corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The corners of a box between two of them [m], shape [2^dimension, dimension]."""
+    return np.stack([axis.ravel() for axis in np.meshgrid(*np.stack([low, high], axis=1))], axis=1)
+
+
 def _even(pixels: float) -> int:
     """A whole even number: movie encoders want one."""
     return 2 * round(0.5 * pixels)

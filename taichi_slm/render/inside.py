@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.output.snapshots import Snapshot
-from taichi_slm.render.frame import ELEVATION, Frame, frame
+from taichi_slm.render.frame import ELEVATION, Frame, corners, frame
 from taichi_slm.render.grid import sample
 from taichi_slm.render.isotherm import PlaneField, draw_isotherms
 from taichi_slm.render.paint import Scales, colours, paint
@@ -49,18 +49,13 @@ class Region:
         """Where a picture of ``kind`` is taken from: a section from the front, the others from above."""
         low, high = self.low, self.high
         if kind == "cut":
-            return frame(_corners(low, high) * [1.0, 0.0, 1.0], 0.0, elevation=0.0)
-        behind = _corners(np.array([low[0], 0.0, low[2]]), high)
-        return frame(np.concatenate([behind, _corners(*self.molten)]), 0.0, elevation=ELEVATION)
+            return frame(corners(low, high) * [1.0, 0.0, 1.0], 0.0, elevation=0.0)
+        behind = corners(np.array([low[0], 0.0, low[2]]), high)
+        return frame(np.concatenate([behind, corners(*self.molten)]), 0.0, elevation=ELEVATION)
 
     def holds(self, position: np.ndarray) -> np.ndarray:
         """Whether each ``position`` [m], shape [n, 3], is in the box."""
         return np.asarray(((position >= self.low) & (position <= self.high)).all(axis=1))
-
-
-def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The eight corners of a box [m], shape [8, 3]."""
-    return np.stack([axis.ravel() for axis in np.meshgrid(*np.stack([low, high], axis=1))], axis=1)
 
 
 def liquid(snapshot: Snapshot) -> np.ndarray:
@@ -155,4 +150,4 @@ def _cut(plotter: Any, snapshot: Snapshot, region: Region, view: Frame, scales: 
         [axis.ravel() for axis in np.meshgrid(grid.axes[0], grid.axes[2], indexing="ij")], axis=1
     )
     velocity = carried.reshape(-1, 3)[inside][:, [0, 2]] / share.ravel()[inside, None]
-    draw_arrows(plotter, points[inside], velocity, view, dx, scales.flow)
+    draw_arrows(plotter, points[inside], velocity, view, dx, scales.speed)

@@ -12,6 +12,7 @@ from taichi_slm.render.paint import Scales
 
 CELL = 0.5  # grid spacing [dx]
 THIN_STEP = 500.0  # between the thin isotherms [K]
+LABEL = (84.0, 26.0)  # width and height of a label [px]
 LABELLED = 150  # isotherms at least this wide carry their temperature [px]
 
 
@@ -61,11 +62,12 @@ def draw_isotherms(
     if scales.melting is None:
         return
     if thin:
+        taken: list[tuple[float, float]] = []
         for level in np.arange(THIN_STEP, scales.temperature[1], THIN_STEP):
             lines = field.lines(level)
             _draw_lines(plotter, lines, view, spacing, 1.4, (0.15, 0.15, 0.15))
             if level < scales.melting:
-                _label(plotter, lines, level, view)
+                _label(plotter, lines, level, view, taken)
     melting = field.lines(scales.melting)
     _draw_lines(plotter, melting, view, spacing, 6.0, (1.0, 1.0, 1.0))
     _draw_lines(plotter, melting, view, spacing, 3.0, (0.0, 0.0, 0.0))
@@ -99,16 +101,20 @@ def _draw_lines(
     )
 
 
-def _label(plotter: Any, lines: list[np.ndarray], level: float, view: Frame) -> None:
-    """Write ``level`` where the longest of ``lines`` is lowest."""
+def _label(
+    plotter: Any, lines: list[np.ndarray], level: float, view: Frame, taken: list[tuple[float, float]]
+) -> None:
+    """Write ``level`` where the longest of ``lines`` is lowest, unless a label is ``taken`` to be there [px]."""
     if not lines:
         return
     line = max(lines, key=len)
     lowest = line[np.argmin(line[:, 1])]
-    x, y = view.pixels(_in_space(lowest[None], view))[0]
+    x, y = (float(at) for at in view.pixels(_in_space(lowest[None], view))[0])
     x = float(np.clip(x, 2.5 * MARGIN, view.window[0] - 2.5 * MARGIN))
-    if np.ptp(line[:, 0]) * view.scale > LABELLED and y > FOOTER + MARGIN:
+    free = all(abs(x - a) > LABEL[0] or abs(y - b) > LABEL[1] for a, b in taken)
+    if free and np.ptp(line[:, 0]) * view.scale > LABELLED and y > FOOTER + MARGIN:
         draw_text(plotter, f"{level:.0f} K", (x, y - 13), 22, "centre", backed=True)
+        taken.append((x, y))
 
 
 def _in_space(flat: np.ndarray, view: Frame) -> np.ndarray:

@@ -15,7 +15,7 @@ from taichi_slm.render.views import Studio, open_run
 FRAMES_PER_SECOND = 12
 GIF_BYTES = 2_000_000  # a GIF larger than this is made again, narrower
 GIF_WIDTHS = (800, 640, 500, 400, 320)  # tried in turn [px]
-GIF_COLOURS = 96
+GIF_COLOURS = 192
 
 
 def film_run(folder: Path, images: Sequence[str] | None = None, gif: bool = False) -> list[Path]:
@@ -79,11 +79,16 @@ class _Gif:
 
     def finish(self) -> None:
         """Write the file."""
-        for width in GIF_WIDTHS:
-            data = animation([_narrowed(frame, width) for frame in self.frames])
-            if len(data) <= GIF_BYTES:
-                break
-        write_bytes(self.path, data)
+        write_bytes(self.path, fitting(self.frames))
+
+
+def fitting(frames: list[Any]) -> bytes:
+    """``frames``, PIL images in RGB of one size, as a GIF as wide as :data:`GIF_BYTES` lets it be."""
+    for width in GIF_WIDTHS:
+        data = animation([_narrowed(frame, width) for frame in frames])
+        if len(data) <= GIF_BYTES:
+            break
+    return data
 
 
 def animation(frames: list[Any]) -> bytes:

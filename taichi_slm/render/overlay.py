@@ -85,8 +85,9 @@ def draw_key(plotter: Any, key: Key, left: float, bottom: float, width: float) -
     for thickness, label in key.lines:
         if thickness:
             _draw_line(plotter, at, at + 46, upper + 15 - 0.5 * thickness, upper + 15 + 0.5 * thickness)
-        draw_text(plotter, label, (at + 58, upper + 2), SMALL)
-        at += 58 + LETTER * SMALL * len(label) + 34
+            at += 58
+        draw_text(plotter, label, (at, upper + 2), SMALL)
+        at += LETTER * SMALL * len(label) + 34
     for colour, label in key.swatches:
         draw_boxes(plotter, np.array([[x, bottom, x + 38, bottom + BAR_HEIGHT]]), colour[None])
         draw_text(plotter, label, (x + 48, bottom - 3), SMALL)

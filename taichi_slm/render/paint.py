@@ -39,6 +39,7 @@ class Scales:
     tracers: int  # largest group
     melting: float | None  # [K]
     flow: float = 1.0  # speed that most of the melt stays below [m/s]
+    force: float = 1.0  # acceleration by surface forces that most of the surface stays below [m/s^2]
     height: tuple[float, float] = (0.0, 0.0)  # of the melt, lowest and highest [m]; 3-D
 
 
@@ -79,9 +80,19 @@ def paint(kind: str, snapshot: Snapshot, scales: Scales) -> np.ndarray:
         colours = _look_up("viridis", speed / scales.speed)
         colours[arrays["liquid_fraction"] <= ALMOST] = GREY
         return colours
+    if kind == "surface_force":
+        size = np.linalg.norm(surface_acceleration(snapshot), axis=1)
+        colours = _look_up("viridis", size / scales.force)
+        colours[arrays["liquid_fraction"] <= ALMOST] = GREY
+        return colours
     if kind in ("tracer", "material"):
         return _groups(arrays[kind])
     raise ValueError(f"no picture is called '{kind}'")
+
+
+def surface_acceleration(snapshot: Snapshot) -> np.ndarray:
+    """Acceleration by surface tension and its gradient [m/s^2], shape [n, dimension]."""
+    return np.asarray(snapshot.arrays["surface_force"] / snapshot.arrays["density"][:, None])
 
 
 def key(kind: str, scales: Scales, dimension: int) -> Key:
@@ -91,7 +102,7 @@ def key(kind: str, scales: Scales, dimension: int) -> Key:
         low, high = scales.temperature
         ticks = [((t - low) / (high - low), f"{t:.0f}") for t in _round_ticks(low, high)]
         if kind == "cut":
-            lines.append((0.0, f"longest arrow: {scales.flow:g} m/s"))
+            lines.append((0.0, f"longest arrow: {scales.speed:g} m/s"))
         return Key("temperature [K]", _table("inferno"), ticks, lines=lines)
     solid = [
         (MUSHY.mean(axis=0).astype(int), "mushy"),
@@ -116,6 +127,10 @@ def key(kind: str, scales: Scales, dimension: int) -> Key:
         if scales.melting is None:
             return Key("speed [m/s]", _table("viridis"), ticks)
         return Key("speed of the melt [m/s]", _table("viridis"), ticks, [(GREY, "solid")], lines)
+    if kind == "surface_force":
+        ticks = [(a / scales.force, f"{a / 1e6:g}") for a in _round_ticks(0.0, scales.force)]
+        title = "acceleration by surface forces [µm/µs²]"
+        return Key(title, _table("viridis"), ticks, [(GREY, "solid")], lines)
     if kind == "tracer":
         groups = range(1, scales.tracers + 1)
         named = [(GREY, "others")] + [(_groups(np.array([g]))[0], f"group {g}") for g in groups]

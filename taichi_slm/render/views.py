@@ -12,11 +12,11 @@ from taichi_slm.config.schema import ONLY_3D, Config, Picture
 from taichi_slm.errors import ConfigError, StorageError
 from taichi_slm.output.atomic import make_folder, write_bytes
 from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread
-from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, Frame, frame
+from taichi_slm.render.frame import FOOTER, HEADER, MARGIN, Frame, corners, frame
 from taichi_slm.render.inside import Region, draw_inside
 from taichi_slm.render.isotherm import PlaneField, draw_isotherms, smooth
 from taichi_slm.render.overlay import draw_key, draw_scale_bar, draw_text
-from taichi_slm.render.paint import ALMOST, Scales, key, paint, round_length, round_up
+from taichi_slm.render.paint import ALMOST, Scales, key, paint, round_length, round_up, surface_acceleration
 from taichi_slm.render.particles import Particles, draw_arrows
 
 HEADROOM = 0.45  # how far above the first picture's top a frame reaches at most, as a share of its height
@@ -56,6 +56,8 @@ def open_run(folder: Path, images: Sequence[str] | None = None) -> tuple[Config,
             raise ConfigError(f"no picture is called '{kind}'; there are {', '.join(get_args(Picture))}")
         if kind in ONLY_3D and config.dimension == 2:
             raise ConfigError(f"a picture '{kind}' exists in 3-D only, and {folder} is a run in 2-D")
+        if kind == "surface_force" and not config.physics.surface_tension:
+            raise ConfigError(f"a picture '{kind}' shows surface tension, which is off in {folder}")
     return config, kinds, series
 
 
@@ -81,17 +83,25 @@ class Clock:
 
 
 class Studio:
-    """The plotter and all that stays the same through a run."""
+    """The plotter and all that stays the same through a run.
 
-    def __init__(self, folder: Path, config: Config, snapshots: list[Snapshot]) -> None:
+    A ``box`` [m], shape [2, dimension], lower and upper corner, makes close-ups of what is in it.
+    """
+
+    def __init__(
+        self, folder: Path, config: Config, snapshots: list[Snapshot], box: np.ndarray | None = None
+    ) -> None:
         import pyvista as pv
         from vtkmodules.vtkCommonCore import vtkLogger
 
         self.folder, self.config = folder, config
         self.title = config.title or folder.resolve().name
         self.clock = Clock.for_end(config.time.end)
+        self.box = box
+        snapshots = [self._boxed(snapshot) for snapshot in snapshots]
         self.scales = scales(folder, config, snapshots)
-        self.whole = frame(visible(snapshots), 0.6 * config.spacing)
+        points = visible(snapshots) if box is None else corners(*box)
+        self.whole = frame(points, 0.6 * config.spacing)
         self.region: Region | None = None
         self.close_up: dict[str, Frame] = {}
         if config.dimension == 3 and self.scales.melting is not None:
@@ -122,6 +132,7 @@ class Studio:
     def draw(self, snapshot: Snapshot, kinds: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
         """Each of ``kinds`` with its picture of ``snapshot``, uint8, shape [height, width, 3]."""
         particles, field = None, None
+        snapshot = self._boxed(snapshot)
         for kind in kinds:
             plotter, view = self.plotter, self.close_up.get(kind, self.whole)
             plotter.clear_actors()
@@ -131,16 +142,16 @@ class Studio:
                     raise ConfigError(f"a picture '{kind}' shows melt, and nothing in {self.folder} can melt")
                 draw_inside(kind, plotter, snapshot, self.region, view, self.scales)
             else:
+                if kind == "surface_force" and kind not in snapshot.arrays:
+                    raise ConfigError(f"the snapshots of {self.folder} have no surface_force: run it anew")
                 if particles is None:
                     particles, field = (
                         Particles(snapshot, snapshot.spacing * view.scale),
                         self._field(snapshot),
                     )
                 particles.draw(plotter, paint(kind, snapshot, self.scales))
-                if kind == "velocity" and snapshot.dimension == 2:
-                    moving = snapshot.arrays["liquid_fraction"] > ALMOST
-                    position, velocity = (snapshot.arrays[name][moving] for name in ("position", "velocity"))
-                    draw_arrows(plotter, position, velocity, view, snapshot.spacing, self.scales.speed)
+                if kind in ("velocity", "surface_force") and snapshot.dimension == 2:
+                    self._arrows(kind, snapshot, view)
                 if field is not None:
                     thin = kind == "state" and snapshot.dimension == 2
                     draw_isotherms(plotter, field, view, snapshot.spacing, self.scales, thin)
@@ -148,6 +159,22 @@ class Studio:
             view.aim(plotter, distance=20.0 * float(np.ptp(snapshot.arrays["position"], axis=0).max()))
             plotter.render()
             yield kind, plotter.screenshot(return_img=True)
+
+    def _arrows(self, kind: str, snapshot: Snapshot, view: Frame) -> None:
+        along, longest = snapshot.arrays["velocity"], self.scales.speed
+        if kind == "surface_force":
+            along, longest = surface_acceleration(snapshot), self.scales.force
+        moving = snapshot.arrays["liquid_fraction"] > ALMOST
+        position = snapshot.arrays["position"][moving]
+        draw_arrows(self.plotter, position, along[moving], view, snapshot.spacing, longest)
+
+    def _boxed(self, snapshot: Snapshot) -> Snapshot:
+        """What of ``snapshot`` is in the box of a close-up; all of it where there is none."""
+        if self.box is None:
+            return snapshot
+        position = snapshot.arrays["position"]
+        keep = ((position >= self.box[0]) & (position <= self.box[1])).all(axis=1)
+        return replace(snapshot, arrays={name: values[keep] for name, values in snapshot.arrays.items()})
 
     def _field(self, snapshot: Snapshot) -> PlaneField | None:
         if self.scales.melting is None:
@@ -207,12 +234,20 @@ def scales(folder: Path, config: Config, snapshots: list[Snapshot]) -> Scales:
         np.linalg.norm(s.arrays["velocity"][melt], axis=1) for s, melt in zip(snapshots, melts, strict=True)
     ]
     everyday = np.concatenate(flow)
+    pulls = [
+        np.linalg.norm(surface_acceleration(s)[melt], axis=1)
+        for s, melt in zip(snapshots, melts, strict=True)
+        if "surface_force" in s.arrays
+    ]
+    pulled = np.concatenate([*pulls, np.zeros(0)])
+    pulled = pulled[pulled > 0.0]
     materials = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))["materials"]
     melting = [0.5 * (m["solidus_K"] + m["liquidus_K"]) for m in materials if m["solidus_K"] is not None]
     return Scales(
         temperature=config.output.temperature_range or (low, float(high)),
         speed=round_up(fastest),
         flow=round_up(float(np.percentile(everyday, 80.0)) if len(everyday) else 0.0),
+        force=round_up(float(np.percentile(pulled, 90.0)) if len(pulled) else 0.0),
         materials=tuple(m["name"] for m in materials),
         tracers=max(int(s.arrays["tracer"].max()) for s in snapshots),
         melting=melting[0] if melting else None,

@@ -77,13 +77,30 @@ def errors(config: Config) -> Found:
             sim.advance(t)
         except BlowUpError:
             break
-        x, exact = sim.position, mass / sim.state.array("reference_density")
-        place = np.linalg.norm(x - np.average(x, axis=0, weights=mass), axis=1) / np.sqrt(exact.sum() / np.pi)
-        area = cell_volumes(x)
-        parts = [place < 0.5, (place > 0.8) & (place < 0.9)]
-        volume = [np.nansum(area[part]) / exact[part].sum() - 1.0 for part in parts]
-        rows.append([t, *volume, np.abs(sim.state.array("density") * exact / mass - 1.0).max()])
+        exact = mass / sim.state.array("reference_density")
+        rows.append(
+            [
+                t,
+                *volume_errors(sim.position, exact),
+                np.abs(sim.state.array("density") * exact / mass - 1.0).max(),
+            ]
+        )
     return Found(*np.array(rows).reshape(-1, 4).T)
+
+
+def volume_errors(position: np.ndarray, exact: np.ndarray) -> tuple[float, float]:
+    """Relative errors of the volume inside and near the surface, at ``position`` [m], shape [n, 2].
+
+    ``exact`` [m^2], shape [n], are the areas that the particles should have.
+    """
+    gap = position - np.average(position, axis=0, weights=exact)
+    place = np.linalg.norm(gap, axis=1) / np.sqrt(exact.sum() / np.pi)
+    area = cell_volumes(position)
+    inside, surface = (
+        float(np.nansum(area[part]) / exact[part].sum() - 1.0)
+        for part in (place < 0.5, (place > 0.8) & (place < 0.9))
+    )
+    return inside, surface
 
 
 def worst(values: np.ndarray, time: np.ndarray, first: int = 1, last: int = CYCLES) -> float:

@@ -101,7 +101,7 @@ def history(config: Config) -> Found:
         wave = (density - reference - excess)[height < 0.2].mean() / reference[height < 0.2].mean()
         volume = [np.nan, np.nan]
         if len(rows) % 10 == 9:
-            area, exact = _areas(sim.position[liquid_ones]), mass / (reference + excess)
+            area, exact = areas(sim.position[liquid_ones]), mass / (reference + excess)
             volume = [area[part].sum() / exact[part].sum() - 1.0 for part in parts]
         rows.append([t, error[fluid == 1].mean(), error[fluid == 2].mean(), *volume, wave])
     found, x = np.array(rows), sim.position[liquid_ones]
@@ -112,7 +112,7 @@ def history(config: Config) -> Found:
     )
 
 
-def _areas(x: np.ndarray) -> np.ndarray:
+def areas(x: np.ndarray) -> np.ndarray:
     """Cells of the particles at ``x`` [m] between x = 0, x = 1 and y = 0, which are mirrors."""
     images = [x, x * [1, -1], x * [-1, 1], [2, 0] + x * [-1, 1]]
     return cell_volumes(np.concatenate(images))[: len(x)]
