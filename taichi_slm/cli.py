@@ -197,6 +197,17 @@ def analyse(
 
 
 @app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN ...", help="Two run folders or more.")],
+    out: Annotated[Path, typer.Option(help="Folder of compare.csv and compare.png.")] = Path("comparison"),
+) -> None:
+    """Lay runs side by side: what was different, what came of it; a table, a CSV file, a plot."""
+    from taichi_slm.analysis.compare import compare as lay_side_by_side
+
+    lay_side_by_side(runs, out, _wide_console())
+
+
+@app.command()
 def schema(
     write: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there instead.")] = None,
 ) -> None:

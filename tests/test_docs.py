@@ -64,6 +64,7 @@ LONG = {
     "taichi-slm run layers.yaml --out runs/layers": "",
     'taichi-slm run powder.yaml --set laser.power=150 --set "laser.path.0.speed=1.5 m/s" --out runs/stronger': "",
     "taichi-slm study configs/studies/power.yaml": "",
+    "taichi-slm compare studies/power/runs/*": "",
     "taichi-slm study configs/studies/process_map.yaml --out $SCRATCH/map": (
         "taichi-slm study configs/studies/power.yaml"
     ),

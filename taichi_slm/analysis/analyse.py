@@ -20,6 +20,9 @@ from taichi_slm.output.history import read_history
 from taichi_slm.output.numbers import quantity
 from taichi_slm.output.table import write_table
 
+EDITION = 1
+"""Goes up when a number gets another meaning or name: what an older program found is then found anew."""
+
 
 @dataclass
 class Analysis:
@@ -45,6 +48,13 @@ def analyse(run: Path) -> Iterator[str]:
 
     Raises StorageError where there is no run, no snapshot, or a damaged one.
     """
+    found, pictures = write(run)
+    yield from closing_lines(found)
+    yield f"written    {found.folder}: analysis.json, {_listed(found, pictures)}"
+
+
+def write(run: Path) -> tuple[Analysis, list[Path]]:
+    """Analyse the run in the folder ``run`` and write what is found; what, and the pictures."""
     found = examine(run)
     make_folder(found.folder)
     for name, columns in found.tables.items():
@@ -53,9 +63,8 @@ def analyse(run: Path) -> Iterator[str]:
     from taichi_slm.analysis.figures import draw_all  # matplotlib, which --help does without
 
     pictures = draw_all(found)
-    write_json(found.folder / "analysis.json", found.chief)
-    yield from closing_lines(found)
-    yield f"written    {found.folder}: analysis.json, {_listed(found, pictures)}"
+    write_json(found.folder / "analysis.json", found.chief)  # last: who finds it finds all of them
+    return found, pictures
 
 
 def examine(run: Path) -> Analysis:
@@ -80,6 +89,7 @@ def examine(run: Path) -> Analysis:
     account = _account(run)
     dimension = last.dimension
     chief = {
+        "edition": EDITION,
         "dimension": dimension,
         "snapshots": len(recording.files),
         "end_s": last.time,
@@ -118,6 +128,8 @@ def _account(run: Path) -> EnergyAccount | None:
 def _sentences(found: Analysis, track: TrackFindings, melted: bool) -> list[str]:
     """What a reader of the numbers should know of them."""
     if not melted:
+        if not np.isfinite(found.recording.liquidus).any():
+            return ["the materials of this run have no solid, so there is no melt pool: all sizes are 0"]
         return ["nothing was liquid in any snapshot: all sizes are 0"]
     remarks = []
     if found.chief["track"]["still_liquid_particles"]:

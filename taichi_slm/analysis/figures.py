@@ -60,6 +60,12 @@ def scale_of(largest: float, unit: str = "m") -> tuple[float, str]:
     return (1e-6, "µ" + unit) if largest > 0.0 else (1.0, unit)
 
 
+def length_unit(largest: float, power: int) -> tuple[float, str]:
+    """A factor and a unit for lengths, areas (``power`` 2) and volumes (3) up to ``largest`` [m^power]."""
+    factor, name = (1e-6, "µm") if largest < 2e5 * 1e-6**power or power == 1 else (1e-3, "mm")
+    return factor**power, name + {2: "²", 3: "³"}.get(power, "")
+
+
 def title_of(found: "Analysis") -> str:
     """Of the scene, else the name of the folder."""
     return found.recording.config.title or found.recording.folder.resolve().name
@@ -95,16 +101,14 @@ def pools_figure(found: "Analysis") -> Figure | None:
     named = numbers[np.argsort(-counts, kind="stable")][:NAMED]
     columns = [*shown, ("max_temperature_K", "highest temperature", "K", 0)]
     for ax, (name, label, unit, power) in zip(axes, columns, strict=True):
-        factor, unit_shown = (1.0, unit) if power == 0 else scale_of(float(table[name].max()), unit)
-        if power > 1:
-            factor, unit_shown = 1e-6, "µm"
+        factor, unit_shown = length_unit(float(table[name].max()), power) if power else (1.0, unit)
         for number in numbers:
             rows = table["pool"] == number
             known = number in named
             colour = COLOURS[int(np.flatnonzero(named == number)[0])] if known else "#bbbbbb"
             ax.plot(
                 table["time_s"][rows] / clock,
-                table[name][rows] / factor ** max(power, 1),
+                table[name][rows] / factor,
                 ".-",
                 ms=4,
                 lw=1.2 if known else 0.7,
@@ -112,14 +116,16 @@ def pools_figure(found: "Analysis") -> Figure | None:
                 label=f"pool {number}" if known else None,
                 zorder=3 if known else 2,
             )
-        exponent = {2: "²", 3: "³"}.get(power, "")
-        ax.set(xlabel=f"time [{second}]", ylabel=f"{label} [{unit_shown}{exponent}]")
+        ax.set(xlabel=f"time [{second}]", ylabel=f"{label} [{unit_shown}]")
         ax.set_xlim(0.0, found.end / clock)
         if power:
             ax.set_ylim(bottom=0.0)
     if len(numbers) > 1:
-        more = f" (grey: {len(numbers) - len(named)} more)" if len(numbers) > len(named) else ""
-        axes[0].legend(fontsize=8, title=f"by duration{more}", title_fontsize=8)
+        more = f"; grey: {len(numbers) - len(named)} more" if len(numbers) > len(named) else ""
+        figure.legend(
+            *axes[0].get_legend_handles_labels(), fontsize=8, title=f"those seen longest{more}", title_fontsize=8,
+            loc="outside lower center", ncols=NAMED,
+        )  # fmt: skip
     return figure
 
 
@@ -135,15 +141,30 @@ def track_figure(found: "Analysis") -> Figure | None:
     axes = figure.subplots(2, 1, sharex=True) if deep else [figure.add_subplot()]
     x, height, depth = (table[name] * 1e6 for name in ("x_m", "height_m", "depth_m"))
     ax = axes[0]
-    ax.fill_between(x, -depth, 0.0, color=DEEP, alpha=0.35, lw=0, label="remelted plate")
-    ax.fill_between(x, 0.0, height, color=TRACK, alpha=0.35, lw=0, label="above the plate")
+    bottom = np.nan_to_num(table["bottom_m"] * 1e6, nan=0.0)
+    body = np.isfinite(table["bottom_m"])
+    upper = np.maximum(height, bottom)
+    ax.fill_between(
+        x, bottom, np.minimum(0.0, upper), where=body & (bottom < 0.0), color=DEEP, alpha=0.35, lw=0,
+        label="track below the plate's top",
+    )  # fmt: skip
+    ax.fill_between(
+        x,
+        np.maximum(bottom, 0.0),
+        upper,
+        where=body & (upper > 0.0),
+        color=TRACK,
+        alpha=0.35,
+        lw=0,
+        label="above it",
+    )
     ax.plot(x, height, color=TRACK, lw=1.3)
-    ax.plot(x, -depth, color=DEEP, lw=1.3)
+    ax.plot(x, np.where(body, bottom, np.nan), color=DEEP, lw=1.3)
     ax.axhline(0.0, color=INK, lw=0.8)
     mean = chief["mean_height_m"] * 1e6
     inner = 0.1 * (x[-1] - x[0])
     ax.plot([x[0] + inner, x[-1] - inner], [mean, mean], "--", color=INK, lw=1.0, label="mean height")
-    ax.set(ylabel="centre line and root [µm]" if deep else "height and depth [µm]")
+    ax.set(ylabel="height on the centre line, root [µm]" if deep else "height [µm]")
     parts = [
         f"$R_a$ {chief['Ra_m'] * 1e6:.1f} µm, $R_q$ {chief['Rq_m'] * 1e6:.1f} µm, $R_z$ {chief['Rz_m'] * 1e6:.1f} µm"
     ]
@@ -164,7 +185,7 @@ def track_figure(found: "Analysis") -> Figure | None:
         axes[1].set_ylim(top=1.25 * float(np.nanmax(table["width_m"])) * 1e6)
     for each in axes:
         each.grid(alpha=0.25)
-    axes[-1].set(xlabel="distance along the beam's way [µm]" if deep else "x [µm]")
+    axes[-1].set(xlabel="x [µm]")
     return figure
 
 
@@ -263,8 +284,13 @@ def mixing_figure(found: "Analysis") -> Figure | None:
             )
     left.axhline(1.0, color=INK, lw=0.8, ls=":")
     left.text(0.02, 0.97, "1: stirred at random", transform=left.get_yaxis_transform(), va="top", fontsize=8)
-    left.set(xlabel=f"time [{second}]", ylabel="mixing index of melted metal [-]", ylim=(0.0, 1.1))
-    right.set(xlabel=f"time [{second}]", ylabel="standard deviation of place [µm]")
+    left.set(
+        xlabel=f"time [{second}]",
+        ylabel="mixing index of melted metal [-]",
+        ylim=(0.0, 1.1),
+        xlim=(0.0, found.end / clock),
+    )
+    right.set(xlabel=f"time [{second}]", ylabel="spread of places [µm]", xlim=(0.0, found.end / clock))
     right.set_yscale("log")
     left.legend(fontsize=8)
     right.legend(fontsize=8)
@@ -307,7 +333,7 @@ def energy_figure(found: "Analysis") -> Figure | None:
         account.time / clock, sum(account.sources.values()) / factor, color=INK, lw=1.2, label="brought in"
     )
     left.set(xlabel=f"time [{second}]", ylabel=f"energy [{shown}]", xlim=(0.0, account.time[-1] / clock))
-    left.legend(fontsize=8, loc="lower right")
+    left.legend(fontsize=8, loc="center right")
     bars = [*((name, "in") for name, _ in SOURCES), *((name, "out") for name, _ in ENDS)]
     values = [float((account.sources if side == "in" else account.ends)[name][-1]) for name, side in bars]
     places = np.arange(len(bars))[::-1]

@@ -72,8 +72,8 @@ def columns(dimension: int) -> list[str]:
     unit = "m" if dimension == 2 else "m2"
     size = "thickness" if dimension == 2 else "area"
     return [
-        "x_m", "height_m", "depth_m", *(["crest_m", "width_m"] if dimension == 3 else []), f"{size}_above_{unit}",
-        f"{size}_below_{unit}",
+        "x_m", "height_m", "bottom_m", "depth_m", *(["crest_m", "width_m"] if dimension == 3 else []),
+        f"{size}_above_{unit}", f"{size}_below_{unit}",
     ]  # fmt: skip
 
 
@@ -95,7 +95,7 @@ def _sections(
     owned = np.isfinite(bottom)  # columns that hold track
     above, below = _thickness(field)
     if field.dimension == 2:
-        height, depth = top, np.where(owned, np.maximum(-bottom, 0.0), 0.0)
+        height, low = top, bottom
         sections = {"thickness_above_m": above, "thickness_below_m": below}
         held = owned
     else:
@@ -103,7 +103,7 @@ def _sections(
         middle_line = np.abs(axes[1] - np.average(last.position[track, 1])) <= last.spacing
         height = np.nan_to_num(top[:, middle_line], nan=0.0).mean(axis=1)
         crest = np.where(owned, top, -np.inf).max(axis=1)
-        depth = np.where(owned, np.maximum(-bottom, 0.0), 0.0).max(axis=1)
+        low = np.where(held, np.where(owned, bottom, np.inf).min(axis=1), np.nan)
         sections = {
             "crest_m": np.where(held, crest, 0.0),
             "width_m": _width(field.share.max(axis=2), axes[1]),
@@ -112,7 +112,8 @@ def _sections(
         }
     places = np.flatnonzero(held)
     inside = slice(places[0], places[-1] + 1)
-    every = {"x_m": axes[0], "height_m": height, "depth_m": depth, **sections}
+    depth = np.nan_to_num(np.maximum(-low, 0.0), nan=0.0)
+    every = {"x_m": axes[0], "height_m": height, "bottom_m": low, "depth_m": depth, **sections}
     return {name: np.asarray(values)[inside] for name, values in every.items()}
 
 

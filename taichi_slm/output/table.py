@@ -20,6 +20,16 @@ def write_table(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
     write_text(path, stream.getvalue())
 
 
+def flat(value: Mapping[str, Any], lists: bool = False, prefix: str = "") -> dict[str, Any]:
+    """Nested keys joined by dots; with ``lists`` the entries of a list, counted from 0, are keys as well."""
+    found: dict[str, Any] = {}
+    for key, item in value.items():
+        if lists and isinstance(item, list):
+            item = {str(number): each for number, each in enumerate(item)}
+        found |= flat(item, lists, f"{prefix}{key}.") if isinstance(item, dict) else {f"{prefix}{key}": item}
+    return found
+
+
 def _cell(value: Any) -> str:
     if hasattr(value, "item"):
         value = value.item()

@@ -8,6 +8,7 @@ from typing import Any
 
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import write_bytes, write_text
+from taichi_slm.output.table import flat
 from taichi_slm.run.run_folder import read_json
 from taichi_slm.study.execute import End, standing
 from taichi_slm.study.folder import StudyFolder
@@ -53,7 +54,7 @@ def _row(run: PlannedRun, folder: StudyFolder, end: End | None) -> Row:
         else "failed",
         **run.changes,
         "seed": run.seed,
-        **_flat({key: value for key, value in summary.items() if key != "status"}),
+        **flat({key: value for key, value in summary.items() if key != "status"}),
         "failure": end.sentence if end and end.state == "failed" else None,
         "git": provenance.get("git"),
         "folder": str(place.path),
@@ -65,14 +66,6 @@ def _object(path: Any) -> dict[str, Any]:
         return read_json(path) if path.is_file() else {}
     except StorageError:
         return {}
-
-
-def _flat(value: Mapping[str, Any], prefix: str = "") -> Row:
-    """Nested keys joined by dots."""
-    flat: Row = {}
-    for key, item in value.items():
-        flat |= _flat(item, f"{prefix}{key}.") if isinstance(item, dict) else {f"{prefix}{key}": item}
-    return flat
 
 
 def as_csv(rows: list[Row]) -> str:
