@@ -272,6 +272,21 @@ def test_the_long_commands(page, place):
             exec(compile(block.text, block.where, "exec"), {"__name__": "__main__"})
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "taichi-slm runn configs/track_150W.yaml",
+        "taichi-slm run configs/track_150W.yaml --sets laser.power=100",
+        "taichi-slm run configs/track_150V.yaml",
+        "taichi-slm run configs/track_150W.yaml --threads two",
+        "taichi-slm render",
+    ],
+)
+def test_a_wrong_command_fails(wrong):
+    with pytest.raises((AssertionError, pytest.fail.Exception)):
+        parse("here", wrong)
+
+
 def test_every_long_command_is_still_printed():
     printed = {
         line for page in PAGES for block in blocks(page) if block.language == "sh" for line in commands(block)

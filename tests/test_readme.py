@@ -38,6 +38,13 @@ def test_the_links_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_the_set_up_stands_in_the_readme_alone():
+    others = [page for page in PAGES if page.name != "README.md"]
+    assert [
+        page.name for page in others if re.search(r"(pip|apt|apt-get) install", page.read_text("utf-8"))
+    ] == []
+
+
 def test_the_theory_explains_every_key():
     """Each numerics, performance and physics key, and its default where that is a word or a number."""
     text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
