@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from test_analysis_run import command, make  # noqa: F401
 
-from taichi_slm.analysis import compare as module
+from taichi_slm.analysis import analyse as module
 from taichi_slm.analysis.compare import compare, differing
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import ConfigError
@@ -67,8 +67,8 @@ def test_side_by_side(runs, tmp_path, command):  # noqa: F811
 
 def test_what_is_analysed_is_not_analysed_again(runs, tmp_path, monkeypatch):
     said = []
-    analyse = module.write
-    monkeypatch.setattr(module, "write", lambda run: (said.append(run.name), analyse(run)))
+    examine = module.examine
+    monkeypatch.setattr(module, "examine", lambda run: (said.append(run.name), examine(run))[1])
     console = Console(quiet=True)
     compare(runs, tmp_path / "out", console)
     compare(runs, tmp_path / "out", console)

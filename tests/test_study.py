@@ -470,3 +470,23 @@ def test_scripts_know_their_study(name, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [f"{name}.py", "--check"])
     runpy.run_path(str(ROOT / "scripts" / f"{name}.py"), run_name="__main__")
     assert capsys.readouterr().out.endswith("runs, all valid\n")
+
+
+def test_the_table_has_the_chief_numbers_of_the_analysis(study, console):
+    """As in analysis.json; a run that cannot be analysed says why, and `analyse: false` leaves them out."""
+    plan = study(GRID)
+    conduct(plan, console=console)
+    places = [StudyFolder(Path("studies/study")).run(run.name) for run in plan.runs]
+    for row, place in zip(table(), places, strict=True):
+        numbers = json.loads((place.analysis / "analysis.json").read_text())
+        assert float(row["analysis.pool.max_length_m"]) == pytest.approx(numbers["pool"]["max_length_m"])
+        assert int(row["analysis.pool.pools"]) == numbers["pool"]["pools"]
+    (places[0].analysis / "analysis.json").unlink()
+    places[0].snapshot(0).write_bytes(b"half")
+    conduct(plan, console=console)
+    bad, good = table()
+    assert "000000.vtu is truncated" in bad["analysis.failure"]
+    assert good["analysis.failure"] == ""
+    assert good["analysis.pool.max_length_m"]
+    conduct(study(GRID, more="analyse: false\n"), console=console)
+    assert not any(name.startswith("analysis.") for name in table()[0])

@@ -1,5 +1,6 @@
 """A run folder becomes numbers: tables, plots and analysis.json in its folder analysis/; terms in docs/analysis.md."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +16,23 @@ from taichi_slm.analysis.recording import Moment, Recording, open_run
 from taichi_slm.analysis.spatter import SpatterBook
 from taichi_slm.analysis.track import TrackFindings, examine_track
 from taichi_slm.errors import StorageError
-from taichi_slm.output.atomic import make_folder, write_json
+from taichi_slm.output.atomic import make_folder, read_json, write_json
 from taichi_slm.output.history import read_history
 from taichi_slm.output.numbers import quantity
-from taichi_slm.output.table import write_table
+from taichi_slm.output.table import flat, write_table
 
 EDITION = 1
 """Goes up when a number gets another meaning or name: what an older program found is then found anew."""
+
+CHIEF = (
+    "pool.pools", "pool.max_length_m", "pool.max_width_m", "pool.max_depth_m", "pool.max_area_m2", "pool.max_volume_m3",
+    "track.length_m", "track.mean_height_m", "track.mean_depth_m", "track.mean_width_m", "track.Ra_m", "track.Rz_m",
+    "track.dilution", "track.fused_share", "track.unmelted_powder_share", "track.pores", "track.unfused_voids",
+    "solidification.cooling_rate_K_s.median", "solidification.gradient_K_m.median",
+    "solidification.front_speed_m_s.median", "solidification.time_above_melting_s.median",
+    "spatter.ejected_particles", "spatter.ejected_mass_kg", "spatter.ejected_mass_kg_m", "energy.in_J",
+)  # fmt: skip
+"""The numbers that a terminal and the table of a study show, by their path in analysis.json."""
 
 
 @dataclass
@@ -57,14 +68,46 @@ def write(run: Path) -> tuple[Analysis, list[Path]]:
     """Analyse the run in the folder ``run`` and write what is found; what, and the pictures."""
     found = examine(run)
     make_folder(found.folder)
-    for name, columns in found.tables.items():
-        if columns:
-            write_table(found.folder / f"{name}.csv", columns)
     from taichi_slm.analysis.figures import draw_all  # matplotlib, which --help does without
 
     pictures = draw_all(found)
-    write_json(found.folder / "analysis.json", found.chief)  # last: who finds it finds all of them
+    _store(found)
     return found, pictures
+
+
+def numbers_of(run: Path) -> dict[str, Any]:
+    """analysis.json of the run in the folder ``run``, keys joined by dots.
+
+    It is analysed first, without pictures, where that was not done since its last snapshot.
+    Raises StorageError where there is no run, no snapshot, or a damaged one.
+    """
+    if not _current(run):
+        found = examine(run)
+        make_folder(found.folder)
+        _store(found)
+    return flat(read_json(run / "analysis" / "analysis.json"))
+
+
+def _store(found: Analysis) -> None:
+    """Write the tables, and last analysis.json: who finds it finds all of them."""
+    for name, columns in found.tables.items():
+        if columns:
+            write_table(found.folder / f"{name}.csv", columns)
+    write_json(found.folder / "analysis.json", found.chief)
+
+
+def _current(run: Path) -> bool:
+    """Whether the folder's analysis is of this program and of the last snapshot."""
+    files = [run / "analysis" / name for name in ("analysis.json", "pools.csv", "track.csv")]
+    if not all(file.is_file() for file in files):
+        return False
+    sources = [path for name in ("snapshots.pvd", "history.csv") if (path := run / name).is_file()]
+    newest = max(os.stat(path).st_mtime_ns for path in sources)
+    try:
+        edition = read_json(files[0]).get("edition")
+    except StorageError:
+        return False
+    return edition == EDITION and min(os.stat(file).st_mtime_ns for file in files) >= newest
 
 
 def examine(run: Path) -> Analysis:

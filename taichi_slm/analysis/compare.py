@@ -1,6 +1,5 @@
 """Runs side by side: the keys in which their scenes differ, their chief numbers, one plot of pools and profiles."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,26 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_slm.analysis.analyse import EDITION, write
+from taichi_slm.analysis.analyse import CHIEF, numbers_of
 from taichi_slm.analysis.recording import open_run
 from taichi_slm.config.schema import Config
-from taichi_slm.errors import ConfigError, StorageError
-from taichi_slm.output.atomic import make_folder, read_json
+from taichi_slm.errors import ConfigError
+from taichi_slm.output.atomic import make_folder
 from taichi_slm.output.history import read_history
 from taichi_slm.output.table import flat, write_table
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-SHOWN = (
-    "pool.pools", "pool.max_length_m", "pool.max_width_m", "pool.max_depth_m", "pool.max_area_m2", "pool.max_volume_m3",
-    "track.length_m", "track.mean_height_m", "track.mean_depth_m", "track.mean_width_m", "track.Ra_m", "track.Rz_m",
-    "track.dilution", "track.fused_share", "track.unmelted_powder_share", "track.pores", "track.unfused_voids",
-    "solidification.cooling_rate_K_s.median", "solidification.gradient_K_m.median",
-    "solidification.front_speed_m_s.median", "solidification.time_above_melting_s.median",
-    "spatter.ejected_particles", "spatter.ejected_mass_kg", "spatter.ejected_mass_kg_m", "energy.in_J",
-)  # fmt: skip
-"""What the terminal shows; the CSV file has all."""
 
 TABLES = ("pools", "track")  # what the plot needs
 
@@ -82,28 +71,12 @@ def _look(run: Path, name: str) -> Compared:
     """What is known of ``run``, which is analysed first where that was not done since its last snapshot."""
     recording = open_run(run)
     analysis = run / "analysis"
-    if not _current(run):
-        write(run)
     return Compared(
         name=name,
         config=recording.config,
-        numbers=flat(read_json(analysis / "analysis.json")),
+        numbers=numbers_of(run),
         tables={table: read_history(analysis / f"{table}.csv") for table in TABLES},
     )
-
-
-def _current(run: Path) -> bool:
-    """Whether the folder's analysis is of this program and of the last snapshot."""
-    files = [run / "analysis" / name for name in ("analysis.json", *(f"{table}.csv" for table in TABLES))]
-    if not all(file.is_file() for file in files):
-        return False
-    sources = [path for name in ("snapshots.pvd", "history.csv") if (path := run / name).is_file()]
-    newest = max(os.stat(path).st_mtime_ns for path in sources)
-    try:
-        edition = read_json(files[0]).get("edition")
-    except StorageError:
-        return False
-    return edition == EDITION and min(os.stat(file).st_mtime_ns for file in files) >= newest
 
 
 def _columns(found: list[Compared], changes: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -129,7 +102,7 @@ def _print(found: list[Compared], changes: dict[str, list[Any]], console: "Conso
     for key, values in changes.items():
         table.add_row(key, *(_text(value) for value in values), style="bold")
     table.add_section()
-    for key in SHOWN:
+    for key in CHIEF:
         values = [run.numbers.get(key) for run in found]
         if any(value is not None for value in values):
             table.add_row(key, *(_text(value) for value in values))

@@ -4,8 +4,10 @@ import csv
 import io
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from taichi_slm.analysis.analyse import CHIEF, numbers_of
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import write_bytes, write_text
 from taichi_slm.output.table import flat
@@ -36,12 +38,12 @@ def collect(plan: Plan, folder: StudyFolder, ends: Mapping[str, End]) -> list[st
 
 def rows_of(plan: Plan, folder: StudyFolder, ends: Mapping[str, End]) -> list[Row]:
     """One row per run of ``plan``: what it changed, how it ended, what it came to (SI)."""
-    rows = [_row(run, folder, ends.get(run.name)) for run in plan.runs]
+    rows = [_row(run, folder, ends.get(run.name), plan.analyse) for run in plan.runs]
     names = list(dict.fromkeys(name for row in rows for name in row))
     return [{name: row.get(name) for name in names} for row in rows]
 
 
-def _row(run: PlannedRun, folder: StudyFolder, end: End | None) -> Row:
+def _row(run: PlannedRun, folder: StudyFolder, end: End | None, analyse: bool) -> Row:
     place = folder.run(run.name)
     summary = _object(place.summary)
     provenance = _object(place.provenance)
@@ -55,10 +57,20 @@ def _row(run: PlannedRun, folder: StudyFolder, end: End | None) -> Row:
         **run.changes,
         "seed": run.seed,
         **flat({key: value for key, value in summary.items() if key != "status"}),
+        **(_analysis(place.path) if analyse and state == "done" else {}),
         "failure": end.sentence if end and end.state == "failed" else None,
         "git": provenance.get("git"),
         "folder": str(place.path),
     }
+
+
+def _analysis(run: Path) -> Row:
+    """The chief numbers of the analysis of ``run``; where it cannot be read, the sentence that says why."""
+    try:
+        numbers = numbers_of(run)
+    except StorageError as error:
+        return {"analysis.failure": str(error)}
+    return {f"analysis.{key}": numbers[key] for key in CHIEF if key in numbers}
 
 
 def _object(path: Any) -> dict[str, Any]:

@@ -72,6 +72,7 @@ class Plan:
     arch: str
     precision: str
     warnings: tuple[str, ...] = ()
+    analyse: bool = True  # whether the table has the chief numbers of the analysis
 
     @property
     def keys(self) -> list[str]:
@@ -110,7 +111,8 @@ def load_plan(path: Path, arch: str = "cpu", precision: str = "f64") -> Plan:
     except SyntaxProblemError as error:
         raise refused([*problems, error.problem]) from None
     runs, warnings = _checked(scene, common, points, f"{arch} {precision}")
-    plan = Plan(path.stem, study.title or path.stem, text, runs, study.overview, arch, precision, warnings)
+    title = study.title or path.stem
+    plan = Plan(path.stem, title, text, runs, study.overview, arch, precision, warnings, study.analyse)
     for place in ("x", "by"):
         key = getattr(study.overview, place)
         if key is not None and key not in [*plan.keys, "seed"]:

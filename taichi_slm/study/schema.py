@@ -109,4 +109,5 @@ class Study(Frozen):
     seeds: Annotated[list[Annotated[int, Field(ge=0, lt=2**31)]], Field(min_length=1)] | None = Field(
         None, description="these seeds instead of `repeats`"
     )
+    analyse: bool = Field(True, description="take the chief numbers of `taichi-slm analyse` into the table")
     overview: Overview = Overview()
