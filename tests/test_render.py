@@ -203,9 +203,9 @@ def test_a_gif_gets_narrower_until_it_fits(tmp_path, monkeypatch):
 
     from taichi_slm.render import movie
 
-    noise = np.random.default_rng(0).integers(0, 255, (300, 900, 3), dtype=np.uint8)  # does not compress
+    noise = np.random.default_rng(0).integers(0, 255, (20, 900, 3), dtype=np.uint8)  # does not compress
     widths = {}
-    for most in (10**9, 100_000, 1):
+    for most in (10**9, 10_000, 1):
         monkeypatch.setattr(movie, "GIF_BYTES", most)
         film = movie._Gif(tmp_path / "noise.gif")
         film.add(noise)
@@ -213,7 +213,7 @@ def test_a_gif_gets_narrower_until_it_fits(tmp_path, monkeypatch):
         widths[most] = Image.open(tmp_path / "noise.gif").width
         assert film.path.stat().st_size <= most or widths[most] == 320
     assert widths[10**9] == 800
-    assert 320 < widths[100_000] < 800
+    assert 320 < widths[10_000] < 800
     assert widths[1] == 320
 
 
