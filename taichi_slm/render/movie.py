@@ -95,11 +95,11 @@ def animation(frames: list[Any]) -> bytes:
     """``frames``, PIL images in RGB of one size, as an endless GIF with one palette for all."""
     from PIL import Image
 
-    wide, high = frames[0].size
+    wide, high = (max(1, side // 3) for side in frames[0].size)  # a ninth of the pixels shows the colours
     some = frames[:: max(1, len(frames) // 8)][-9:]
     strip = Image.new("RGB", (wide, high * len(some)))
     for number, frame in enumerate(some):
-        strip.paste(frame, (0, number * high))
+        strip.paste(frame.resize((wide, high), Image.Resampling.NEAREST), (0, number * high))
     palette = strip.quantize(GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=2)
     drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     buffer = io.BytesIO()
