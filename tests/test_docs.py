@@ -13,17 +13,16 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
 from conftest import merged
+from pages import PAGES, ROOT, TERM, Block, blocks, commands
 from ruamel.yaml import YAML
 from test_materials import test_every_number_of_an_alloy_has_a_source as every_number_has_a_source
 from typer.testing import CliRunner
@@ -35,10 +34,6 @@ from taichi_slm.materials import library
 from taichi_slm.materials.tables import tabulate
 from taichi_slm.study.plan import load_plan
 from taichi_slm.verification.catalogue import chosen
-
-ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-TERM = ROOT / "docs" / "add_term.md"  # its blocks are laid over a copy of the program
 
 # The same scenes with fewer particles and less time: it is the commands that are tested here.
 SMALLER: dict[str, dict[str, Any]] = {
@@ -76,38 +71,8 @@ LONG = {
 LONG_PYTHON = {"studies.md"}  # pages whose Python runs a study
 OTHER_PYTHON = {"README.md"}  # test_readme.py runs it, and looks at what it prints
 CLUSTER = {"dask", "srun", "sleep"}  # programs of a cluster; what stands beside them is parsed
-CHECKS = {"ruff", "lint-imports", "mypy"}  # on the page of the worked term
 SHOWN = {"text", "diff", "math"}  # languages of blocks that nothing can run
 USAGE_ERROR = typer.BadParameter.__mro__[1]  # of click, which typer has its own copy of since 0.22
-
-
-@dataclass(frozen=True)
-class Block:
-    """A fenced block; ``file`` is the name that the line before it ends with."""
-
-    where: str
-    language: str
-    text: str
-    file: str
-
-
-def blocks(page: Path) -> list[Block]:
-    """The fenced blocks of a page, in order."""
-    text = page.read_text(encoding="utf-8")
-    found = []
-    for fence in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
-        before = text[: fence.start()].rstrip("\n")
-        named = re.search(r"`([\w./-]+\.\w+)`:$", before[before.rfind("\n\n") + 1 :])
-        line = before.count("\n") + 2
-        found.append(Block(f"{page.name}:{line}", fence[1], fence[2], named[1] if named else ""))
-    return found
-
-
-def commands(block: Block) -> list[str]:
-    """The commands of a block of shell, without comments."""
-    lines = block.text.replace("\\\n", " ").splitlines()
-    bare = (re.sub(r"(^|\s)#.*", "", line).strip() for line in lines)
-    return [line for line in bare if line]
 
 
 def for_a_cluster(block: Block) -> bool:
@@ -355,89 +320,3 @@ def test_the_alloy_is_whole_and_damage_to_it_is_refused(place):
         with pytest.raises(ConfigError) as refused:
             tabulate([library.load_alloy("aluminium")])
         assert sentence in str(refused.value), row
-
-
-def lay(copy: Path, block: Block) -> None:
-    """Do in ``copy`` what a block of the worked term says: a new file, or a diff of its lines with + and -."""
-    path = copy / block.file
-    if block.language != "diff":
-        assert not path.exists(), f"{block.where}: {block.file} is there already"
-        path.write_text(block.text, encoding="utf-8")
-        return
-    text = path.read_text(encoding="utf-8")
-    for part in block.text.split("@@\n"):
-        lines = part.splitlines(keepends=True)
-        before = "".join(line[1:] for line in lines if line[0] in " -")
-        after = "".join(line[1:] for line in lines if line[0] in " +")
-        assert text.count(before) == 1, (
-            f"{block.where}: {block.file} has these lines {text.count(before)} times\n{before}"
-        )
-        text = text.replace(before, after)
-    path.write_text(text, encoding="utf-8")
-
-
-def worked_term(tmp_path: Path) -> tuple[Path, list[Block]]:
-    """A copy of the program in which add_term.md has been followed, and the page's blocks of shell."""
-    copy = tmp_path / "copy"
-    shutil.copytree(
-        ROOT, copy, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "verify", "site", "images")
-    )
-    for block in blocks(TERM):
-        if block.language != "sh":
-            assert block.file, f"{block.where}: which file is this?"
-            lay(copy, block)
-    return copy, [block for block in blocks(TERM) if block.language == "sh"]
-
-
-def in_copy(copy: Path, command: str) -> None:
-    """Run a command in the copy, with the copy's own package."""
-    program, *rest = shlex.split(command)
-    assert program in CHECKS | {"taichi-slm"}, f"add_term.md: nobody runs '{program}'"
-    words = (
-        [sys.executable, "-m", "taichi_slm.cli"]
-        if program == "taichi-slm"
-        else [shutil.which(program) or program]
-    )
-    environment = os.environ | {"PYTHONPATH": str(copy)}
-    done = subprocess.run(
-        [*words, *rest], cwd=copy, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-
-
-def test_the_worked_term(tmp_path):
-    """add_term.md, followed to the letter: lint and layers hold, and the speed decays as exp(-t/tau) to 1e-3."""
-    copy, shell = worked_term(tmp_path)
-    for block in shell:
-        for command in commands(block):
-            if command != "mypy":
-                in_copy(copy, command)
-    (case,) = json.loads((copy / "verify" / "verify.json").read_text(encoding="utf-8"))["cases"]
-    assert [row["quantity"] for row in case["rows"]] == [
-        "speed after one decay time",
-        "momentum given to the plates",
-    ]
-    speed, plates = case["rows"]
-    assert (
-        abs(speed["computed"] / speed["exact"] - 1.0) < 1e-3
-    )  # Euler's rule in steps of tau/1000 errs by 5e-4
-    assert abs(plates["computed"] / plates["exact"] - 1.0) < 1e-10  # a sum of doubles
-    assert '"gap"' in (copy / "configs" / "schema.json").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_the_worked_term_has_types_and_a_line_in_the_theory(tmp_path):
-    """The checks of add_term.md that take half a minute."""
-    copy, _ = worked_term(tmp_path)
-    in_copy(copy, "mypy")
-    case = "tests/test_readme.py::test_the_theory_explains_every_key"  # pytest fails if there is none of that name
-    words = [sys.executable, "-m", "pytest", "-n", "0", case]
-    done = subprocess.run(
-        words,
-        cwd=copy,
-        env=os.environ | {"PYTHONPATH": str(copy)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
