@@ -1,5 +1,6 @@
 """A stand-in for the simulation: a comet of heat runs over a powder row, in closed form."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -125,8 +126,8 @@ class FakeSimulation:
     def compile(self) -> None:
         self.compile_time_s = 0.01
 
-    def advance(self, until: float) -> None:
-        while self.time < until:
+    def advance(self, until: float, pause: int | None = None) -> None:
+        while self.time < until and self.steps < (pause or math.inf):
             self.time = min(until, self.time + self.step_length)
             self.steps += 1
             self.particle_steps += self.scene.count

@@ -23,9 +23,9 @@ execute.PROGRAM = (sys.executable, __file__)
 class Comet(fake_run.FakeSimulation):
     """Ten kelvin per watt; else as its parent."""
 
-    def advance(self, until):
+    def advance(self, *until):
         time.sleep(float(os.environ.get("STUDY_SLEEP", "0")))
-        super().advance(until)
+        super().advance(*until)
         power = self.config.laser.power
         once = Path(os.environ.get("STUDY_ONCE", "killed"))
         if power == 666 and self.time > 5e-5 and not once.exists():

@@ -30,9 +30,9 @@ COMET = (
     BEGIN
     + """
 class Slow(fake_run.FakeSimulation):  # a comet that takes its time, so that there is something to kill
-    def advance(self, until):
+    def advance(self, *until):
         time.sleep(float(sys.argv[3]))
-        super().advance(until)
+        super().advance(*until)
 
 driver._build = lambda config, *_: Slow(config)
 output = {"history_interval": 1e-6, "snapshot_interval": 1e-6, "checkpoint_interval": 1e-6, "images": []}

@@ -172,10 +172,10 @@ def test_same_bits_from_half_and_resume(tmp_path, console, fake, monkeypatch):
     whole = RunFolder(run(tmp_path, console, name="whole"))
     advance = FakeSimulation.advance
 
-    def interrupted(sim, until):
+    def interrupted(sim, *until):
         if sim.time > 0.43e-4:
             os.kill(os.getpid(), signal.SIGTERM)
-        advance(sim, until)
+        advance(sim, *until)
 
     monkeypatch.setattr(FakeSimulation, "advance", interrupted)
     with pytest.raises(StoppedError, match="taichi-slm resume") as caught:
@@ -208,8 +208,8 @@ def test_resume_from_an_older_checkpoint_cuts_the_files_back(tmp_path, console, 
 def test_ctrl_c(tmp_path, console, fake, monkeypatch):
     advance = FakeSimulation.advance
 
-    def interrupted(sim, until):
-        advance(sim, until)
+    def interrupted(sim, *until):
+        advance(sim, *until)
         if sim.time > 2e-5:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -228,9 +228,9 @@ def test_wall_limit_and_stop_file(tmp_path, console, fake, monkeypatch):
         run(tmp_path, console, config(time={"wall_limit": 1e-9}))
     advance = FakeSimulation.advance
 
-    def ask(sim, until):
+    def ask(sim, *until):
         (tmp_path / "stopped/STOP").touch()
-        advance(sim, until)
+        advance(sim, *until)
 
     monkeypatch.setattr(FakeSimulation, "advance", ask)
     with pytest.raises(StoppedError, match="STOP"):
@@ -242,8 +242,8 @@ def test_wall_limit_and_stop_file(tmp_path, console, fake, monkeypatch):
 def test_blow_up(tmp_path, console, fake, monkeypatch):
     advance = FakeSimulation.advance
 
-    def explode(sim, until):
-        advance(sim, until)
+    def explode(sim, *until):
+        advance(sim, *until)
         if sim.time > 5e-5:
             sim.scene.position[3] = np.nan
             raise BlowUpError("momentum: particle 3 is nowhere")
@@ -260,7 +260,7 @@ def test_blow_up(tmp_path, console, fake, monkeypatch):
 
 
 def test_a_step_of_nothing_is_not_an_endless_run(tmp_path, console, fake, monkeypatch):
-    monkeypatch.setattr(FakeSimulation, "advance", lambda sim, until: None)
+    monkeypatch.setattr(FakeSimulation, "advance", lambda sim, *until: None)
     with pytest.raises(BlowUpError, match="collapsed"):
         run(tmp_path, console)
 

@@ -262,6 +262,12 @@ class Output(Frozen):
     history_interval: PositiveTime | None = Field(None, description="default: end / 400")
     snapshot_interval: PositiveTime | None = Field(None, description="default: end / 40")
     checkpoint_interval: PositiveTime | None = Field(None, description="default: end / 10")
+    checkpoint_steps: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="a checkpoint after this many flow steps, too"
+    )
+    checkpoint_wall: PositiveTime = Field(
+        600.0, description="a checkpoint after this much wall time, too [s]"
+    )
     images: list[Picture] = Field(
         default_factory=lambda: ["temperature", "state"],  # type: ignore[arg-type]
         description="kinds of pictures; in 3-D only: cut (the section y = 0), isosurface (of the melting "

@@ -139,7 +139,7 @@ def _loop(sim: "Simulation", recorder: Recorder, progress: Progress, requests: "
         progress.update(row)
     while not sim.finished:
         before = sim.steps
-        sim.advance(recorder.next_moment())
+        sim.advance(recorder.next_moment(), recorder.next_pause())
         if not sim.finished and requests.reason is None and sim.steps == before:
             raise BlowUpError(f"the time step collapsed: no step was made at {quantity(sim.time, 's')}")
         row = recorder.record()
@@ -171,8 +171,8 @@ def _leave(recorder: Recorder, error: Exception) -> None:
 class StopRequests:
     """Turns SIGINT and SIGTERM into a wish to stop; a second Ctrl-C leaves at once.
 
-    The wish is granted at the next moment of the schedule, 1/400 of a run away at most: a run that stops only
-    where an unbroken one pauses too has the same bits when it is resumed.
+    The wish is granted at the next moment of the schedule or the next hundredth step: a run that stops only where an
+    unbroken one pauses too has the same bits when it is resumed.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,7 @@
 """Writes what is due (history, snapshot, checkpoint, status) and never changes the simulation."""
 
 import contextlib
+import math
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 STATUS_SECONDS = 1.0
+PAUSE = 100
+"""Flow steps between the moments at which a run may be stopped and saved: an unbroken run pauses there, too, so that a
+resumed one has its bits."""
 
 
 class Recorder:
@@ -40,6 +44,7 @@ class Recorder:
         self._last_row = self._last_snapshot = self._last_save = self._status_at = -1.0
         self._carried = _costs_before(resumed.meta, sim) if resumed else {}
         self._resumed_at = sim.time
+        self._saved_step, self._saved_at = sim.steps, time.perf_counter()
         self.checkpoint_path = resumed.path if resumed else None
         after = None
         if resumed:
@@ -74,17 +79,27 @@ class Recorder:
         """The next simulated time [s] at which something is due."""
         return earliest([self.rows, self.pictures, self.saves], self.sim.config.time.end)
 
+    def next_pause(self) -> int:
+        """The step at which the run pauses next, should nothing be due before: a multiple of PAUSE."""
+        return (self.sim.steps // PAUSE + 1) * PAUSE
+
     def record(self) -> dict[str, Any] | None:
         """Write all that is due now; the row of history if there was one."""
         now = self.sim.time
         row = self.write_row() if self.rows.due(now) else None
         if self.pictures.due(now):
             self.write_snapshot()
-        if self.saves.due(now):
+        if self.saves.due(now) or self._save_is_late():
             self.write_checkpoint()
         elif time.perf_counter() - self._status_at > STATUS_SECONDS:
             self.write_status("running")
         return row
+
+    def _save_is_late(self) -> bool:
+        """Whether so many steps or so much wall time have passed since the last checkpoint."""
+        output = self.sim.config.output
+        steps, wall = self.sim.steps - self._saved_step, time.perf_counter() - self._saved_at
+        return wall > output.checkpoint_wall or steps >= (output.checkpoint_steps or math.inf)
 
     def record_last(self) -> dict[str, Any] | None:
         """Close a finished run: a last row and a last snapshot, if the last ones are older."""
@@ -163,6 +178,7 @@ class Recorder:
         meta = {"step": self.sim.steps, "time_s": self.sim.time, **self.costs()}
         self.checkpoint_path = self.slots.write(self.sim.checkpoint(), meta)
         self._last_save = self.sim.time
+        self._saved_step, self._saved_at = self.sim.steps, time.perf_counter()
         self.write_status("running")
 
     def write_status(self, state: str, message: str = "") -> None:

@@ -109,13 +109,15 @@ class Simulation:
         with self.guards.told():
             self._span(self.config.time.end)
 
-    def advance(self, until: float) -> None:
-        """Step until ``until`` [s] exactly, or until the scene is finished. Raises BlowUpError."""
+    def advance(self, until: float, pause: int | None = None) -> None:
+        """Step until ``until`` [s] exactly, until the scene is finished, or past step ``pause``. Raises BlowUpError."""
         if self.activity.builds == 0:
             self.compile()
         began = time.perf_counter()
         with self.guards.told():
-            while self.time < until * (1.0 - 1e-12) and not self.finished:
+            while (
+                self.time < until * (1.0 - 1e-12) and not self.finished and self.steps < (pause or math.inf)
+            ):
                 self._span(until)
             self.activity.renew()
             if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
@@ -321,4 +323,4 @@ class Simulation:
             self.flow_step.flow.fastest[None] = fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
-        self.activity.forget()
+        self.activity.restart()

@@ -46,6 +46,8 @@ class Activity:
         self._all_hot = all_hot or not performance.skip_cold or not state.needs.heat
         self._laser = config.laser
         self._lit_centre: tuple[float, ...] | None = None
+        self._next_centre: tuple[float, ...] | None = None
+        self._last_centre: tuple[float, ...] | None = None  # of the beam when it was last on
         self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
         self._box: Any = ti.types.vector(state.dimension, ti.f64)
 
@@ -71,9 +73,6 @@ class Activity:
         self._last_centre = centre
         if self._lit_centre is None or math.dist(centre, self._lit_centre) > self._margin:
             self.outgrown = True
-
-    _next_centre: tuple[float, ...] | None = None
-    _last_centre: tuple[float, ...] | None = None  # of the beam when it was last on
 
     def build(self) -> None:
         """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""
@@ -122,6 +121,12 @@ class Activity:
         """Choose every row and search every list anew at the next build; for particles that were put elsewhere."""
         self.rows.forget()
         self.outgrown = True
+
+    def restart(self) -> None:
+        """Forget all that was known of particles and beam: another moment was loaded, of this scene."""
+        self.rows.everyone_is_hot()  # among them those who have melted and wait to be let go
+        self._lit_centre = self._next_centre = self._last_centre = None
+        self.forget()
 
     def _check_cells(self) -> None:
         self._check(self.cells.invalid, "a particle has no finite place", "position or temperature")

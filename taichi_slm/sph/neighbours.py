@@ -13,6 +13,8 @@ by half of it. A list among still particles is good for ever, so it is searched 
 
 from typing import Any
 
+import numpy as np
+
 from taichi_slm.backend import Schedule, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, STILL, State
@@ -296,6 +298,11 @@ class Neighbours:
         self._search(self.flow, self._schedule.alone(self.flow))
         if self._needs.heat:
             self._settle(self.hot, self._gathering, self._schedule.plain(self.hot))
+
+    def everyone_is_hot(self) -> None:
+        """Until the next choice: nobody knows who is, as when particles were loaded from elsewhere."""
+        self.hot = self.hot_rows.shape[0]
+        self.hot_rows.from_numpy(np.arange(self.hot, dtype=np.int32))
 
     def renew(self) -> None:
         """Keep the lists among still particles, but have found anew what else is found once for them."""

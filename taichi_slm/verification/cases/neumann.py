@@ -6,11 +6,13 @@ Exact    s = 2 lambda sqrt(kappa_l t), lambda 0.342112 and 0.458334 (METHOD)
 Measured lambda from the times at which layers are half molten, fitted as s = 2 lambda sqrt(kappa_l t) + s_0 over the
          second half of the way: s_0 is where the held side begins for the particles, a part of a spacing. The front
          waits between two layers for the next one to warm up, so it is looked at once a layer.
-Remarks  the strip is eight particles wide, and as long as the heat comes. The enthalpy form is judged, the apparent
-         heat capacity (39) shown beside: its band of 1 K can be stepped over.
+Remarks  the strip is eight particles wide, and as long as the heat comes. The apparent heat capacity (39) steps over a
+         band of 1 K, which is shown; it is judged with one of 20 K, narrower than that of any alloy here, which moves
+         the front of the enthalpy form by 0.3 % at most.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -23,6 +25,7 @@ from taichi_slm.verification.scenes import HEAT_ONLY, configure, melting
 DX, WIDTH = 5e-6, 8
 HELD, MELTING, COLD, RHO, LATENT = 2500.0, 1723.0, 293.0, 7200.0, 2.6e5
 K_SOLID, C_SOLID, C_LIQUID = 20.9, 711.2, 937.4
+BAND = 20.0  # between solidus and liquidus, for the apparent heat capacity [K]
 
 
 def exact_lambda(k_liquid: float) -> float:
@@ -40,13 +43,17 @@ def exact_lambda(k_liquid: float) -> float:
     return float(brentq(balance, 1e-6, 3.0, xtol=1e-14))
 
 
-def front(k_liquid: float, travelled: int, **numerics: object) -> tuple[float, np.ndarray, np.ndarray]:
+def front(
+    k_liquid: float, travelled: int, band: float = 1.0, **numerics: Any
+) -> tuple[float, np.ndarray, np.ndarray]:
     """lambda, and sqrt(t) [s^0.5] at which each layer was half molten, with its distance [m]."""
     exact, kappa = exact_lambda(k_liquid), k_liquid / (RHO * C_LIQUID)
     end = ((travelled + 1) * DX / (2 * exact)) ** 2 / kappa
     reach = 2 * math.sqrt(K_SOLID / (RHO * C_SOLID) * end)
     layers = travelled + math.ceil(3.5 * reach / DX)  # erfc(3.5) = 7e-7
-    metal = melting(solidus=MELTING - 0.5, liquidus=MELTING + 0.5, conductivity=(K_SOLID, k_liquid))
+    metal = melting(
+        solidus=MELTING - 0.5 * band, liquidus=MELTING + 0.5 * band, conductivity=(K_SOLID, k_liquid)
+    )
     side = {"shape": "plate", "length": WIDTH * DX, "depth": 3 * DX, "material": "metal", "temperature": HELD}
     config = configure(
         spacing=DX, materials={"metal": metal}, physics=HEAT_ONLY, time={"end": end}, numerics=numerics,
@@ -82,11 +89,15 @@ def judge(
         else:
             outcome.show(f"lambda, {ratio}, {way} dx travelled", found, exact)
         curves.append(Curve(f"{way} dx travelled", roots / roots[-1], places / places[-1], "points"))
-    for form in ({"latent_heat": "apparent"}, {"conduction": "harmonic"}):
+    found = front(k_liquid, ways[-1], BAND, latent_heat="apparent")[0]
+    outcome.judge(
+        f"lambda, {ratio}, apparent, {BAND:g} K, {ways[-1]} dx travelled", found, exact, limit=limit, why=why
+    )
+    forms: tuple[dict[str, Any], ...] = ({"latent_heat": "apparent"}, {"conduction": "harmonic"})
+    for form in forms:
         name = next(iter(form.values()))
-        outcome.show(
-            f"lambda, {ratio}, {name}, {ways[1]} dx travelled", front(k_liquid, ways[1], **form)[0], exact
-        )
+        found = front(k_liquid, ways[1], **form)[0]
+        outcome.show(f"lambda, {ratio}, {name}, 1 K, {ways[1]} dx travelled", found, exact)
     kappa = k_liquid / (RHO * C_LIQUID)
     line = 2 * exact * math.sqrt(kappa) * roots
     curves.append(Curve("exact", roots / roots[-1], line / places[-1]))
