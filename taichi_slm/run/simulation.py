@@ -66,7 +66,7 @@ class Simulation:
         self.initial_momentum, self.moving = beginning.momentum, beginning.moving
         self.hottest, self.hottest_id = beginning.hottest, beginning.hottest_id
         self.accounts = Accounts(self)
-        self.initial_mass = self.accounts.present_mass()
+        self.weigh()
         self.guards = Guards(self)
 
     def compile(self) -> None:
@@ -244,6 +244,10 @@ class Simulation:
                 f"heat: particle {self.hottest_id} is at {self.hottest:.0f} K, beyond the end of the property tables "
                 f"({top:.0f} K); less power, physics.evaporation or a finer spacing may help"
             )
+
+    def weigh(self) -> None:
+        """Begin the account of mass with what is there now: to be called after masses were loaded."""
+        self.initial_mass = self.accounts.present_mass()
 
     def impose(self, temperature: np.ndarray) -> None:
         """Give the particles temperatures [K], shape [n], and all that follows; energy is counted from here."""

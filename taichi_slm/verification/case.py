@@ -22,6 +22,17 @@ class Row:
     unit: str = ""
     why: str = ""  # of the limit; of a number that is only shown: what it shows
     at_least: bool = False
+    asked: float | None = (
+        None  # the limit that was asked for, where the scheme cannot keep it and a wider one is set
+    )
+
+    @property
+    def bound(self) -> str:
+        """The limit as it stands in tables; empty without one."""
+        if self.limit is None:
+            return ""
+        wider = "" if self.asked is None else f" (asked {self.asked:.4g})"
+        return ("≥ " if self.at_least else "") + f"{self.limit:.4g}{wider}"
 
     @property
     def holds(self) -> bool:
@@ -63,12 +74,15 @@ class Outcome:
     plots: list[Plot] = field(default_factory=list)
 
     def judge(self, quantity: str, computed: float, exact: float | None = None, *, limit: float, why: str,
-              error: float | None = None, unit: str = "") -> None:  # fmt: skip
-        """A number with a limit on its error, which is relative to ``exact`` unless given."""
+              error: float | None = None, unit: str = "", asked: float | None = None) -> None:  # fmt: skip
+        """A number with a limit on its error, which is relative to ``exact`` unless given.
+
+        ``asked`` is the limit that was asked for, where ``limit`` had to be wider; ``why`` then says the cause.
+        """
         if error is None:
             assert exact, "an error relative to nothing must be given"
             error = abs(computed / exact - 1.0)
-        self.rows.append(Row(quantity, float(computed), exact, float(error), limit, unit, why))
+        self.rows.append(Row(quantity, float(computed), exact, float(error), limit, unit, why, asked=asked))
 
     def show(self, quantity: str, computed: float, exact: float | None = None, *, unit: str = "",
              note: str = "") -> None:  # fmt: skip

@@ -46,7 +46,16 @@ def _in_short(results: Sequence[dict[str, Any]]) -> list[str]:
     limits = sum(row["limit"] is not None for result in results for row in result["rows"])
     broken = [line for result in results for line in broken_limits(result)]
     lines = [f"{len(results)} cases, {limits} limits, {len(broken)} broken.", ""]
-    return lines + [f"- {line.strip()}" for line in broken] + ([""] if broken else [])
+    lines += [f"- {line.strip()}" for line in broken] + ([""] if broken else [])
+    wider = [
+        f"- {result['name']}, {row.quantity}: {number(row.error)}, limit {row.bound}: {row.why}"
+        for result in results
+        for row in Outcome.from_json(result).rows
+        if row.asked is not None
+    ]
+    return lines + (
+        [f"{len(wider)} limits are wider than what was asked for:", "", *wider, ""] if wider else []
+    )
 
 
 def _section(result: dict[str, Any], images: Path) -> list[str]:
@@ -72,8 +81,7 @@ def _section(result: dict[str, Any], images: Path) -> list[str]:
 
 
 def _table_row(row: Row) -> str:
-    limit = "" if row.limit is None else ("≥ " if row.at_least else "") + number(row.limit)
-    limit += "" if row.holds else " **broken**"
+    limit = row.bound + ("" if row.holds else " **broken**")
     error = "" if row.at_least else number(row.error)
     cells = (
         row.quantity,

@@ -99,11 +99,10 @@ def table(results: Sequence[dict[str, Any]]) -> Table:
                 shown.add_row(first[0], f"[red]{result['failure']}[/]", "", "", "", "", first[1])
             for row in Outcome.from_json(result).rows:
                 colour = "" if row.limit is None else "[green]" if row.holds else "[red]"
-                limit = "" if row.limit is None else ("≥ " if row.at_least else "") + number(row.limit)
                 error = number(row.computed if row.at_least else row.error)
                 shown.add_row(
                     first[0], row.quantity, number(row.exact), f"{number(row.computed)} {row.unit}".strip(),
-                    f"{colour}{error}", limit, first[1],
+                    f"{colour}{error}", row.bound, first[1],
                 )  # fmt: skip
                 first = ("", "")
     return shown

@@ -52,6 +52,7 @@ def profiles(resolution: int, **numerics: object) -> list[tuple[np.ndarray, np.n
     moves = ~sim.scene.wall
     # a column that falls carries nothing: not the pressure of liquid at rest with which a scene under gravity starts
     sim.state.load(density=np.full(sim.scene.count, RHO), mass=np.full(sim.scene.count, RHO * dx**2))
+    sim.weigh()
     middle = moves & (np.abs(sim.position[:, 1] - 0.5 * height) < height / 6)
     found = []
     for t in TIMES:
