@@ -4,7 +4,7 @@
 |---|---|---|
 | every particle has a finite place | in every flow step | the kick's largest move |
 | no list and no cell is full | whenever lists are made | ``solver/activity.py`` |
-| nobody is ten times faster than sound, or the steps collapse | in every heat step | here |
+| nobody is so much faster than sound that steps collapse to a tenth | in every heat step | here |
 | temperatures stay within the property tables | in every heat step | ``Simulation._heat`` |
 | mass, heat and momentum are finite and accounted for | every ten flow steps | here |
 """
@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 EVERY = 10  # flow steps between looks at the accounts
-FASTEST = (
-    10.0  # times the speed of sound: steps are then a tenth of what was promised, and density means nothing
-)
+FASTEST = 10.0  # times the speed of sound: steps are a tenth of what was promised, and density means nothing
 MASS = 1e-9  # share of the mass; round-off of a million sums is 1e-10
 ENERGY = 1e-2  # share of the turnover; with enthalpy a track keeps 1e-8, in single precision 1e-4
 TRIFLE = 0.1  # of energy [J/kg], over all of the mass: 1e-4 K, the round-off of single precision
@@ -44,9 +42,12 @@ class Guards:
         self._conservative = simulation.config.numerics.latent_heat == "enthalpy"
 
     def speed(self, fastest: float) -> None:
-        """Raise BlowUpError if ``fastest`` [m/s] is beyond what the speed of sound can carry."""
-        allowed = FASTEST * self._sim.config.numerics.sound_speed
-        if fastest <= allowed:
+        """Raise BlowUpError if ``fastest`` [m/s] is far beyond sound, and cuts the steps to a tenth of those at rest."""
+        sim = self._sim
+        if fastest <= FASTEST * sim.config.numerics.sound_speed:
+            return
+        at_rest, now = (min(sim.limits.flow(sim.hottest, speed).values()) for speed in (0.0, fastest))
+        if now * FASTEST >= at_rest:
             return
         speeds = np.linalg.norm(self._sim.velocity, axis=1)
         raise BlowUpError(

@@ -48,6 +48,7 @@ def box(resolution: int, physics: dict[str, bool] = FLOW_ONLY, numerics: Mapping
     u = SPEED * np.stack([np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y)], axis=1)
     packed = np.where(sim.scene.wall, RHO, RHO * (1.0 + DENSER))
     sim.state.load(velocity=np.where(sim.scene.wall[:, None], 0.0, u), density=packed, mass=packed * dx**2)
+    sim.weigh()
     return sim
 
 
