@@ -42,7 +42,7 @@ class Guards:
         self._conservative = simulation.config.numerics.latent_heat == "enthalpy"
 
     def speed(self, fastest: float) -> None:
-        """Raise BlowUpError if ``fastest`` [m/s] is far beyond sound, and cuts the steps to a tenth of those at rest."""
+        """Raise BlowUpError if ``fastest`` [m/s] is far beyond sound and cuts steps to a tenth of those at rest."""
         sim = self._sim
         if fastest <= FASTEST * sim.config.numerics.sound_speed:
             return
