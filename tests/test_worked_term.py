@@ -36,9 +36,8 @@ def lay(copy: Path, block: Block) -> None:
 def worked_term(tmp_path: Path) -> tuple[Path, list[Block]]:
     """A copy of the program in which add_term.md has been followed, and the page's blocks of shell."""
     copy = tmp_path / "copy"
-    shutil.copytree(
-        ROOT, copy, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "verify", "site", "images")
-    )
+    made = ("__pycache__", "runs", "verify", "site", "images", "build", "*.egg-info")
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", *made))
     for block in blocks(TERM):
         if block.language != "sh":
             assert block.file, f"{block.where}: which file is this?"
@@ -53,7 +52,7 @@ def in_copy(copy: Path, command: str) -> None:
     words = (
         [sys.executable, "-m", "taichi_slm.cli"]
         if program == "taichi-slm"
-        else [shutil.which(program) or program]
+        else [str(Path(sys.executable).with_name(program))]  # of this environment, active or not
     )
     environment = os.environ | {"PYTHONPATH": str(copy)}
     done = subprocess.run(

@@ -48,7 +48,7 @@ def _in_short(results: Sequence[dict[str, Any]]) -> list[str]:
     lines = [f"{len(results)} cases, {limits} limits, {len(broken)} broken.", ""]
     lines += [f"- {line.strip()}" for line in broken] + ([""] if broken else [])
     wider = [
-        f"- {result['name']}, {row.quantity}: {number(row.error)}, limit {row.bound}: {row.why}"
+        f"1. {result['name']}, {row.quantity}: {number(row.error)}, limit {row.bound}: {row.why}"
         for result in results
         for row in Outcome.from_json(result).rows
         if row.asked is not None
