@@ -2,6 +2,7 @@
 
 import math
 import random
+from copy import deepcopy
 from io import StringIO
 from pathlib import Path
 
@@ -55,7 +56,7 @@ def _mutate(data, rng):
         parent = parent[key]
     action = rng.choice(("delete", "rename", "retype", "repeat"))
     if action == "retype":
-        parent[last] = rng.choice(VALUES)
+        parent[last] = deepcopy(rng.choice(VALUES))  # or the next mutation changes it for all
     elif action == "delete":
         del parent[last]
     elif isinstance(parent, dict):

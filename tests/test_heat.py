@@ -222,7 +222,7 @@ def test_radiated_and_evaporated_flux_on_the_device(configure):
     assert found[:, 5] == pytest.approx(0.4 * 5.670374419e-8 * (T - 293.0) ** 4, rel=1e-10)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_area_of_blocks_and_hollows(configure, liquid, dimension):
     """A flat side keeps the area that |grad c| gives it; a block with a hollow in it has that of its sides."""
     dx, far, thick = 5 * UM, [0.0] * dimension, [30 * UM] * (dimension - 1)
@@ -240,7 +240,6 @@ def test_area_of_blocks_and_hollows(configure, liquid, dimension):
                 physics={"flow": False}, numerics={"surface_area": form},
             )  # fmt: skip
             sim = start(config)
-            sim.compile()
             sim.step()
             per_volume = sim.state.array("surface_area")
             area[form] = float(np.dot(sim.state.array("volume"), per_volume)) / exact[name]

@@ -51,6 +51,7 @@ np.savez(sys.argv[2], moving=sim.moving, temperature=sim.temperature, position=s
 """
 
 
+@pytest.mark.slow
 def test_quadrants_compiles_the_same_numbers(tmp_path):
     """The compilers order sums differently; the difference of a melting track has not grown beyond 1e-6 in 25 us."""
     pytest.importorskip("quadrants")
@@ -204,7 +205,7 @@ AWKWARD = {  # moments [s] of a track whose beam is on from 2 to 22 us
 }
 
 
-@pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.parametrize("precision", ["f64", pytest.param("f32", marks=pytest.mark.slow)])
 def test_any_moment_is_good_for_a_restart(track, precision):
     """Each of the awkward moments saved and taken up again: the same bits at the end."""
     hot = {"shape": "box", "corner": [20 * UM, 60 * UM], "size": [5 * UM, 5 * UM], "temperature": 2000}
