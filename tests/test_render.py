@@ -1,5 +1,6 @@
 """Pictures of a synthetic run: made, of the right size, not blank, and with what they are meant to show."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -52,7 +53,13 @@ def test_command(tmp_path, monkeypatch, gl):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("6 pictures")
-    assert len(list((folder / "renders").glob("*.png"))) == 6
+    every = {file.name: file.read_bytes() for file in (folder / "renders").glob("*.png")}
+    assert len(every) == 6
+    shutil.rmtree(folder / "renders")
+    for number in ("0", "1"):  # of two processes: together the same pictures
+        subprocess.run([*command, number, "2"], check=True, stdout=subprocess.DEVNULL)
+        assert (len(list((folder / "renders").glob("*.png"))) < 6) == (number == "0")
+    assert {file.name: file.read_bytes() for file in (folder / "renders").glob("*.png")} == every
     script = Path(__file__).parents[1] / "scripts/make_results.py"
     written = [sys.executable, str(script), str(folder.parent), "--docs", str(tmp_path / "docs")]
     done = subprocess.run(written, capture_output=True, text=True, check=False)

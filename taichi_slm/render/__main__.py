@@ -1,4 +1,4 @@
-"""``python -m taichi_slm.render FOLDER [IMAGE ...]``: draw a run in a process of its own."""
+"""``python -m taichi_slm.render FOLDER [SHARE SHARES]``: draw a run, or a share of it, in a process of its own."""
 
 import sys
 from pathlib import Path
@@ -8,12 +8,12 @@ from taichi_slm.render.views import render_run
 
 
 def main(arguments: list[str]) -> int:
-    """Draw the run in the folder that is named first; the names after it replace output.images."""
-    if not arguments:
+    """Draw the run in the folder that is named first; the numbers after it are those of ``render_run``."""
+    if len(arguments) not in (1, 3):
         print(__doc__)
         return 2
     try:
-        files = render_run(Path(arguments[0]), arguments[1:] or None)
+        files = render_run(Path(arguments[0]), None, *map(int, arguments[1:]))
     except SlmError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -22,10 +22,13 @@ from taichi_slm.render.particles import Particles, draw_arrows
 HEADROOM = 0.45  # how far above the first picture's top a frame reaches at most, as a share of its height
 
 
-def render_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
+def render_run(
+    folder: Path, images: Sequence[str] | None = None, share: int = 0, shares: int = 1
+) -> list[Path]:
     """Draw the pictures of the run in ``folder`` into its renders/; ``images`` replaces output.images.
 
     Reads config.resolved.yaml, provenance.json and the snapshots, nothing else. Returns the files, in order.
+    Of ``shares`` processes at work on one run, this is number ``share``: every picture is drawn by one of them.
     """
     config, kinds, series = open_run(folder, images)
     chosen = spread(series, config.output.images_at_most)
@@ -35,7 +38,7 @@ def render_run(folder: Path, images: Sequence[str] | None = None) -> list[Path]:
     studio = Studio(folder, config, snapshots)
     make_folder(folder / "renders")
     files = []
-    for path, snapshot in zip(chosen, snapshots, strict=True):
+    for path, snapshot in list(zip(chosen, snapshots, strict=True))[share::shares]:
         files += studio.shoot(snapshot, kinds, path.stem)
     studio.close()
     return files

@@ -1,12 +1,14 @@
 """One run from config to closing lines: `execute` a new one, `resume` one that stopped."""
 
 import contextlib
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
@@ -65,7 +67,7 @@ def execute(
         loaded.config, loaded.resolved_text, loaded.path, sim.scene.materials, arch, precision, threads
     )
     write_json(folder.provenance, facts)
-    return _drive(sim, folder, console, began, None)
+    return _drive(sim, folder, console, began, None, threads)
 
 
 def resume(path: Path, threads: int | None = None, console: Console | None = None) -> Path:
@@ -89,7 +91,7 @@ def resume(path: Path, threads: int | None = None, console: Console | None = Non
     write_json(folder.provenance, facts)
     folder.stop.unlink(missing_ok=True)
     _say(console, f"resume {path} from step {checkpoint.step:,}, {quantity(checkpoint.meta['time_s'], 's')}")
-    return _drive(sim, folder, console, began, checkpoint)
+    return _drive(sim, folder, console, began, checkpoint, threads)
 
 
 def _build(config: Config, arch: str, precision: str, threads: int | None) -> "Simulation":
@@ -104,8 +106,9 @@ def _build(config: Config, arch: str, precision: str, threads: int | None) -> "S
 
 
 def _drive(
-    sim: "Simulation", folder: RunFolder, console: Console, began: float, resumed: Checkpoint | None
-) -> Path:
+    sim: "Simulation", folder: RunFolder, console: Console, began: float, resumed: Checkpoint | None,
+    threads: int | None,
+) -> Path:  # fmt: skip
     with StopRequests() as requests:
         _say(console, f"{sim.scene.count:,} particles; compiling kernels ...")
         sim.compile()
@@ -127,7 +130,7 @@ def _drive(
     recorder.write_status("done")
     for line in closing_lines(recorder, summary):
         _say(console, line)
-    _say(console, render(folder, sim.config))
+    _say(console, render(folder, sim.config, threads))
     _say(console, f"next       paraview {folder.series}    or    taichi-slm render {folder.path}")
     return folder.path
 
@@ -207,19 +210,26 @@ class StopRequests:
         return kind(f"stopped by {self.reason}, checkpoint written; {advice}")
 
 
-def render(folder: RunFolder, config: Config) -> str:
-    """Make the pictures in a process of their own, so that a missing GL never takes a run with it.
+def render(folder: RunFolder, config: Config, threads: int | None = None) -> str:
+    """Make the pictures in processes of their own, so that a missing GL never takes a run with it.
 
-    Returns the line to print.
+    One process draws on one core: there are as many as ``threads`` (None: as many as cores). Returns the line to print.
     """
     if not config.output.images or config.output.images_at_most == 0:
         return "pictures   none asked for"
     began = time.perf_counter()
-    command = [sys.executable, "-m", "taichi_slm.render", str(folder.path)]
+    shares = min(threads or os.cpu_count() or 1, config.output.images_at_most)
+
+    def draw(share: int) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "taichi_slm.render", str(folder.path), str(share), str(shares)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=RENDER_SECONDS, check=False)
+
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=RENDER_SECONDS, check=False)
+        with ThreadPoolExecutor(shares) as pool:
+            everyone = list(pool.map(draw, range(shares)))
     except (OSError, subprocess.SubprocessError) as error:
         return f"pictures   none: {error}"
+    done = max(everyone, key=lambda process: abs(process.returncode))  # one that failed, if there is one
     if done.returncode == 0:
         count = len(list(folder.renders.glob("*.png")))
         return f"pictures   {count} in {folder.renders} ({time.perf_counter() - began:.0f} s)"

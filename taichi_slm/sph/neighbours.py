@@ -47,10 +47,10 @@ class Neighbours:
         )  # of a hot row: 1 amid the active cells, 0 at the rim of the hot set
         self.listed = ti.field(ti.i32, shape=n)
         self.near_count = ti.field(ti.i32, shape=n)
-        self.near = ti.field(ti.i32, shape=(n, self.near_capacity))
+        self.near = ti.field(ti.i32, shape=(n, self.near_capacity + 1))  # and one to spare, see search_near
         if far:
             self.far_count = ti.field(ti.i32, shape=n)
-            self.far = ti.field(ti.i32, shape=(n, self.far_capacity))
+            self.far = ti.field(ti.i32, shape=(n, self.far_capacity + 1))
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.hot = 0
         self._flow_row = ti.field(ti.i32, shape=n)  # the gathering at which a particle was a flow row last
@@ -209,10 +209,8 @@ class Neighbours:
                 e = c + near_window[w]
                 for slot in range(cells.count[e]):
                     b = cells.items[e, slot]
-                    if (x - state.position[b]).norm_sqr() < near2 and b != a:
-                        if n < near_capacity:
-                            self.near[a, n] = b
-                        n += 1
+                    self.near[a, ti.min(n, near_capacity)] = b
+                    n += ti.cast((x - state.position[b]).norm_sqr() < near2, ti.i32) * ti.cast(b != a, ti.i32)
             if n > near_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
@@ -228,15 +226,11 @@ class Neighbours:
                 for slot in range(cells.count[e]):
                     b = cells.items[e, slot]
                     r2 = (x - state.position[b]).norm_sqr()
-                    if r2 < near2:
-                        if b != a:
-                            if n < near_capacity:
-                                self.near[a, n] = b
-                            n += 1
-                    elif r2 < far2:
-                        if m < far_capacity:
-                            self.far[a, m] = b
-                        m += 1
+                    self.near[a, ti.min(n, near_capacity)] = b
+                    self.far[a, ti.min(m, far_capacity)] = b
+                    is_near = ti.cast(r2 < near2, ti.i32)
+                    n += is_near * ti.cast(b != a, ti.i32)
+                    m += ti.cast(r2 < far2, ti.i32) - is_near
             if n > near_capacity or m > far_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
