@@ -160,21 +160,14 @@ def _short(why: str) -> str:
 
 
 def _plot(findings: Findings, subject: str, limit: str, found: Mapping[str, Any]) -> None:
-    """Multiple of every setting; the settings stand on the axis by number, in the order of the table."""
+    """The multiple of every setting, in the order of the table."""
     curves, labels = [], ["default", *(label for axis in OWN_AXES[limit] for label in AXES[axis])]
     for scene in SUBJECTS[subject]:
-        points = []
-        for k, label in enumerate(labels):
-            edge_found = found.get(f"{scene}, {limit}, {label}", {})
-            if edge_found.get("stable"):
-                points.append((k, edge_found["stable"]))
-        curves.append(Curve(scene, [k for k, _ in points], [value for _, value in points], "points"))
-    number = "; ".join(f"{k} {label}" for k, label in enumerate(labels))
-    findings.plot(f"edges_{subject}_{limit}", f"Largest stable step: {subject}, {limit}", _folded(number),
-                  "multiple of the default step", curves, "y")  # fmt: skip
-
-
-def _folded(text: str, width: int = 75) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, width))
+        edges = {label: found.get(f"{scene}, {limit}, {label}", {}).get("stable") for label in labels}
+        known = [label for label in labels if edges[label]]
+        curves.append(Curve(scene, [edges[label] for label in known], known, "points"))
+    drawn = [label for curve in curves for label in curve.y]
+    if drawn:
+        curves.append(Curve("default step", [1.0, 1.0], [drawn[0], drawn[-1]], "dashed"))
+    title = f"Largest stable step: {subject}, {limit}"
+    findings.plot(f"edges_{subject}_{limit}", title, "multiple of the default step", "", curves, "x")

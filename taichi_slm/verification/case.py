@@ -50,7 +50,7 @@ class Curve:
 
     label: str
     x: Any  # numbers, shape [n]
-    y: Any
+    y: Any  # numbers, or names that stand on the axis from above in their order
     style: Literal["line", "dashed", "points"] = "line"
 
 
