@@ -5,7 +5,7 @@ import pytest
 from moments import DENSITY, lattice, moment
 
 from taichi_slm.analysis.metal import enclosed_voids, grid_axes, metal_field, upper_surface
-from taichi_slm.analysis.roughness import middle, roughness
+from taichi_slm.analysis.roughness import middle, roughness, waviness
 from taichi_slm.analysis.track import examine_track
 
 UM = 1e-6
@@ -21,24 +21,78 @@ def track_of(position, melted, **more):
 # --------------------------------------------------------------------------- roughness
 
 
+EVERYWHERE = slice(None)
+
+
+def measured(height, kept=EVERYWHERE):
+    inside = np.zeros(len(height), bool)
+    inside[kept] = True
+    return roughness(height, inside)
+
+
 def test_roughness_of_a_sine():
-    """Ra = 2 A/pi, Rq = A/sqrt(2), Rz = Rt = 2 A; ten periods of 1000 points: the sums are exact to (pi/1000)^2."""
-    A, x = 7.0 * UM, (np.arange(10_000) + 0.5) / 1000
-    found = roughness(50 * UM + A * np.sin(2 * np.pi * x))
-    assert found["Ra_m"] == pytest.approx(2 * A / np.pi, rel=1e-5)
-    assert found["Rq_m"] == pytest.approx(A / np.sqrt(2), rel=1e-9)
+    """Ra = 2 A/pi, Rq = A/sqrt(2), Rz = 2 A, and so the primary profile: of a wave of a sixtieth of the cut-off the
+    filter keeps all; 300 of 1000 points: the sums are exact to (pi/1000)^2."""
+    A, x = 7.0 * UM, (np.arange(500_000) + 0.5) / 1000
+    found = measured(50 * UM + A * np.sin(2 * np.pi * x), slice(100_000, 400_000))
+    for kind in "RP":
+        assert found[f"{kind}a_m"] == pytest.approx(2 * A / np.pi, rel=1e-5)
+        assert found[f"{kind}q_m"] == pytest.approx(A / np.sqrt(2), rel=1e-5)
     assert found["Rz_m"] == pytest.approx(2 * A, rel=1e-5)
-    assert found["Rt_m"] == pytest.approx(2 * A, rel=1e-5)
+    assert found["Pt_m"] == pytest.approx(2 * A, rel=1e-5)
 
 
-def test_rz_is_the_mean_of_five_sampling_lengths_and_rt_the_whole():
-    """Five steps of heights 0 to 4, one spike of 10 on the first: ranges 10, 0, 0, 0, 0; from 0 to 10 in all."""
-    z = np.repeat(np.arange(5.0), 20)
-    z[7] = 10.0
-    found = roughness(z)
-    assert found["Rz_m"] == pytest.approx(10.0 / 5)
-    assert found["Rt_m"] == pytest.approx(10.0)
-    assert all(np.isnan(value) for value in roughness(np.arange(4.0)).values())
+@pytest.mark.parametrize("cutoffs", [0.5, 1.0, 2.0])
+def test_the_filter_passes_what_the_standard_says(cutoffs):
+    """A wave of n cut-offs keeps 1 - exp(-pi (alpha/n)^2), alpha^2 = ln 2/pi (ISO 16610-21): a half at n = 1.
+
+    To 5e-4: the kernel ends at four standard deviations, and 6e-5 of its area lies beyond.
+    """
+    n = 40_000
+    x = (np.arange(n) + 0.5) / n
+    inside = (x >= 0.25) & (x <= 0.75)
+    sine = np.sin(2 * np.pi * x / (0.1 * cutoffs))
+    kept = 1 - np.exp(-np.log(2.0) / cutoffs**2)
+    found = roughness(sine, inside)
+    assert found["Rq_m"] == pytest.approx(kept * np.sqrt(np.mean(sine[inside] ** 2)), rel=5e-4 / kept)
+
+
+def test_a_slope_is_form_and_no_roughness():
+    """A track that falls by 50 um over its length: half of that on average below or above the mean (Pt 40, Pa 10, Pq
+    40/sqrt(12) um over the middle 80 %), and nothing of it rough, for a filter keeps a straight line as it is.
+
+    To 1e-3 of the fall: the filter's kernel at the rim of the evaluation length lacks 4e-4 of its area.
+    """
+    x = np.linspace(0.0, 1.0, 10_001)
+    found = roughness(50 * UM * (1.0 - x), middle(x, 0.0, 1.0))
+    assert found["Rz_m"] < 0.05 * UM
+    assert found["Ra_m"] < found["Rz_m"]
+    assert found["Pt_m"] == pytest.approx(40 * UM, rel=1e-3)
+    assert found["Pa_m"] == pytest.approx(10 * UM, rel=1e-3)
+    assert found["Pq_m"] == pytest.approx(40 * UM / np.sqrt(12), rel=1e-3)
+
+
+def test_rz_is_the_mean_of_five_sampling_lengths_and_pt_the_whole():
+    """One spike of 10 on a flat profile stands in one of five sampling lengths; the filter takes 1/(sigma sqrt(2 pi))
+    of its height away, 1/(0.46972 cut-off) in steps of 20."""
+    z = np.zeros(100)
+    z[50] = 10.0
+    found = measured(z)
+    taken = 1 / (np.sqrt(np.log(2) / np.pi) * 20)
+    assert found["Rz_m"] == pytest.approx(
+        10.0 / 5, rel=0.01
+    )  # the spike, and the dent beside it that is as deep
+    assert found["Pt_m"] == pytest.approx(10.0)
+    assert waviness(z, 20.0)[50] == pytest.approx(10.0 * taken, rel=1e-3)
+    assert all(np.isnan(value) for value in measured(np.arange(4.0)).values())
+
+
+def test_a_gap_in_the_profile_has_no_weight():
+    """A level track stays level around a place without height."""
+    z = np.full(100, 7.0)
+    z[30:40] = np.nan
+    assert measured(z)["Rz_m"] == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(waviness(z, 20.0)[30:40]).all()
 
 
 def test_the_ends_are_left_out():
@@ -68,9 +122,11 @@ def test_the_profile_of_particles():
     inside = middle(x, 0.0, 2000 * UM)
     sine = 60 * UM + A * np.sin(2 * np.pi * (x - 200 * UM) * 7 / (1600 * UM))
     assert np.sqrt(np.mean((track.table["height_m"] - sine)[inside] ** 2)) < DX / np.sqrt(12)
-    assert found["Rq_m"] == pytest.approx(A / np.sqrt(2), abs=DX / np.sqrt(12))
-    assert found["Ra_m"] == pytest.approx(2 * A / np.pi, abs=DX / 4)
-    assert found["Rt_m"] == pytest.approx(2 * A, abs=DX)
+    assert found["Pq_m"] == pytest.approx(A / np.sqrt(2), abs=DX / np.sqrt(12))
+    assert found["Pa_m"] == pytest.approx(2 * A / np.pi, abs=DX / 4)
+    assert found["Pt_m"] == pytest.approx(2 * A, abs=DX)
+    kept = 1 - np.exp(-np.log(2.0) * (7 / 5) ** 2)  # seven waves in five cut-offs
+    assert found["Rq_m"] == pytest.approx(kept * A / np.sqrt(2), abs=DX / np.sqrt(12))
     assert found["mean_height_m"] == pytest.approx(60 * UM, abs=0.1 * DX)
     assert found["mean_depth_m"] == pytest.approx(20 * UM, abs=0.02 * DX)
     assert found["length_m"] == pytest.approx(2000 * UM, abs=0.1 * DX)
@@ -79,7 +135,7 @@ def test_the_profile_of_particles():
 def test_a_flat_bead_on_the_lattice_has_no_roughness():
     """Its surface is found where it is, to the wiggle of the smoothed lattice (below 0.1 % of dx)."""
     found = track_of(*waves(0.0)).chief
-    assert found["Rt_m"] < 0.01 * DX
+    assert found["Pt_m"] < 0.01 * DX
     assert found["mean_height_m"] == pytest.approx(60 * UM, abs=0.01 * DX)
     assert found["fused_share"] == pytest.approx(1.0)
     assert found["pores"] == 0

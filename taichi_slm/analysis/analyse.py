@@ -21,13 +21,14 @@ from taichi_slm.output.history import read_history
 from taichi_slm.output.numbers import quantity
 from taichi_slm.output.table import flat, write_table
 
-EDITION = 1
+EDITION = 2
 """Goes up when a number gets another meaning or name: what an older program found is then found anew."""
 
 CHIEF = (
     "pool.pools", "pool.max_length_m", "pool.max_width_m", "pool.max_depth_m", "pool.max_area_m2", "pool.max_volume_m3",
     "track.length_m", "track.mean_height_m", "track.mean_depth_m", "track.mean_width_m", "track.Ra_m", "track.Rz_m",
-    "track.dilution", "track.fused_share", "track.unmelted_powder_share", "track.pores", "track.unfused_voids",
+    "track.Pq_m", "track.dilution", "track.fused_share", "track.unmelted_powder_share", "track.pores",
+    "track.unfused_voids",
     "solidification.cooling_rate_K_s.median", "solidification.gradient_K_m.median",
     "solidification.front_speed_m_s.median", "solidification.time_above_melting_s.median",
     "spatter.ejected_particles", "spatter.ejected_mass_kg", "spatter.ejected_mass_kg_m", "energy.in_J",
@@ -213,7 +214,7 @@ def closing_lines(found: Analysis) -> list[str]:
         lines.append(
             f"track      length {quantity(track['length_m'], 'm')}, height {quantity(track['mean_height_m'], 'm')}, "
             f"depth {quantity(track['mean_depth_m'], 'm')}; Ra {quantity(track['Ra_m'], 'm')}, Rq "
-            f"{quantity(track['Rq_m'], 'm')}, Rz {quantity(track['Rz_m'], 'm')}"
+            f"{quantity(track['Rq_m'], 'm')}, Rz {quantity(track['Rz_m'], 'm')}; Pq {quantity(track['Pq_m'], 'm')}"
         )
         if "dilution" in track:
             lines.append(

@@ -165,9 +165,8 @@ def track_figure(found: "Analysis") -> Figure | None:
     inner = 0.1 * (x[-1] - x[0])
     ax.plot([x[0] + inner, x[-1] - inner], [mean, mean], "--", color=INK, lw=1.0, label="mean height")
     ax.set(ylabel="height on the centre line, root [µm]" if deep else "height [µm]")
-    parts = [
-        f"$R_a$ {chief['Ra_m'] * 1e6:.1f} µm, $R_q$ {chief['Rq_m'] * 1e6:.1f} µm, $R_z$ {chief['Rz_m'] * 1e6:.1f} µm"
-    ]
+    norms = [f"${name[0]}_{name[1]}$ {chief[f'{name}_m'] * 1e6:.1f} µm" for name in ("Ra", "Rq", "Rz", "Pq")]
+    parts = [", ".join(norms)]
     if "dilution" in chief:
         parts.append(f"dilution {100 * chief['dilution']:.0f} %")
     ax.set_title("; ".join(parts), fontsize=10)
@@ -260,7 +259,7 @@ def spatter_figure(found: "Analysis") -> Figure | None:
     right.plot(time, table["mean_speed_m_s"], ".", color=DEEP, label="mean of all in flight")
     right.set(xlabel=f"time [{second}]", ylabel="speed in flight [m/s]")
     right.set_xlim(left.get_xlim())
-    right.set_ylim(bottom=0.0)
+    right.set_ylim(0.0, 1.1 * float(np.nanmax(table["max_speed_m_s"], initial=0.0)) or 1.0)
     right.legend(fontsize=8, loc="lower right")
     return figure
 

@@ -147,7 +147,7 @@ def _form(table: dict[str, np.ndarray], field: MetalField, last: Moment) -> dict
         **means,
         **peaks,
         "min_height_m": float(np.nanmin(table["height_m"][inside])),
-        **roughness(table["height_m"][inside]),
+        **roughness(table["height_m"], inside),
         "resolution_m": last.spacing,
     }
 
