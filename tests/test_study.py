@@ -1,11 +1,10 @@
-"""Studies: axes and their checks, processes that fail, stop, die and go on, the table and the pictures."""
+"""Studies: axes and their checks, processes that fail, stop, die and go on."""
 
 import contextlib
 import csv
 import itertools
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -23,11 +22,9 @@ from taichi_slm.cli import main
 from taichi_slm.errors import BlowUpError, ConfigError, StorageError
 from taichi_slm.output.history import read_history
 from taichi_slm.study import execute
-from taichi_slm.study.collect import collect
 from taichi_slm.study.conduct import conduct
 from taichi_slm.study.execute import standing
 from taichi_slm.study.folder import StudyFolder
-from taichi_slm.study.pictures import THUMBNAIL, contact_sheet, overview
 from taichi_slm.study.plan import load_plan
 
 ROOT = Path(__file__).parents[1]
@@ -100,7 +97,12 @@ def test_zip_goes_in_step_and_axes_multiply(study):
         "{kind: zip, values: {laser.power: [50, 60], laser.beam_radius: [20 um, 30 um]}}",
         "{kind: list, points: [{laser.path.0.speed: 1}, {laser.path.0.speed: 2 m/s, spacing: 10 um}]}",
     )
-    assert changes(plan) == [(50, 2e-5, 1), (50, 2e-5, 2, 1e-5), (60, 3e-5, 1), (60, 3e-5, 2, 1e-5)]
+    assert changes(plan) == [
+        (50, 2e-5, 1, 2e-5),
+        (50, 2e-5, 2, 1e-5),
+        (60, 3e-5, 1, 2e-5),
+        (60, 3e-5, 2, 1e-5),
+    ]
 
 
 def test_latin_hypercube_has_one_point_in_each_tenth_of_each_range(study):
@@ -115,7 +117,7 @@ def test_latin_hypercube_has_one_point_in_each_tenth_of_each_range(study):
 
 def test_csv(study):
     Path("points.csv").write_text("laser.power, spacing\n50, 20 um\n\n60 W,\n")
-    assert changes(study("{kind: csv, file: points.csv}")) == [(50.0, 2e-5), (60.0,)]
+    assert changes(study("{kind: csv, file: points.csv}")) == [(50.0, 2e-5), (60.0, 2e-5)]
 
 
 def test_repeats_are_seeds_and_a_run_is_known_by_its_scene(study):
@@ -126,6 +128,23 @@ def test_repeats_are_seeds_and_a_run_is_known_by_its_scene(study):
     assert shared == {plan.runs[5].name}  # 100 W and seed 9
     assert "seed: 9\n" in plan.runs[5].scene
     assert [run.seed for run in study(GRID, more="repeats: 2\nset: {seed: 20}\n").runs] == [20, 21, 20, 21]
+
+
+def test_a_key_that_a_run_leaves_alone_has_the_value_of_the_scene(study):
+    plan = study("{kind: list, points: [{laser.power: 50}, {laser.power: 60, laser.path.0.speed: 3 m/s}]}")
+    assert changes(plan) == [(50.0, 2.0), (60.0, 3.0)]
+    assert plan.units == {"laser.power": "W", "laser.path.0.speed": "m/s"}
+    assert [run.name.rpartition("-")[0] for run in plan.runs] == ["power=50", "power=60_speed=3"]
+
+
+def test_seeds_that_draw_nothing_are_warned_of(study):
+    """A row of powder is the same for every seed, a bed is not."""
+    seeds = "seeds: [1, 2]\n"
+    assert "runs that differ in their seed alone will be equal" in study(GRID, more=seeds).warnings[-1]
+    assert not any("equal" in said for said in study(GRID).warnings)
+    bed = "{shape: powder_bed, length: 0.2 mm, height: 50 um, mean_radius: 15 um, std_radius: 2 um}"
+    Path("comet.yaml").write_text(SCENE.replace("{shape: powder_row, length: 0.2 mm, radius: 25 um}", bed))
+    assert not any("equal" in said for said in study(GRID, more=seeds).warnings)
 
 
 # --------------------------------------------------------------------------- bad input
@@ -413,80 +432,3 @@ def test_a_study_with_the_true_solver(study, console, monkeypatch):
     low, high = (float(row["max_temperature_K"]) for row in table())
     assert 293 < low < high
     assert Path("studies/study/contact_sheet.png").is_file()
-
-
-# --------------------------------------------------------------------------- table and pictures
-
-
-def test_parquet_is_the_csv(study):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    folder, plan = StudyFolder.prepare(Path("studies/study")), study(GRID)
-    for run, kelvin in zip(plan.runs, (500, 1000.5), strict=True):
-        folder.run(run.name).path.mkdir()
-        folder.run(run.name).summary.write_text(json.dumps({"max_temperature_K": kelvin, "steps": 3}))
-    collect(plan, folder, {})
-    read = parquet.read_table("studies/study/table.parquet").to_pydict()
-    assert read["laser.power"] == [50.0, 100.0]
-    assert read["max_temperature_K"] == [500, 1000.5]
-    assert read["steps"] == [3, 3]
-    assert list(read) == list(table()[0])
-
-
-def test_contact_sheet_has_a_tile_per_run_that_has_pictures(study):
-    from PIL import Image
-
-    plan = study("{kind: grid, values: {laser.power: [1, 2, 3, 4, 5]}}")
-    folder = StudyFolder.prepare(Path("sheet"))
-    assert not contact_sheet(plan, folder)
-    for run, shade in zip(plan.runs[:4], (10, 60, 110, 160), strict=True):
-        folder.run(run.name).renders.mkdir(parents=True)
-        for name, value in (("state_000000", 255), ("state_000009", shade), ("temperature_000009", 0)):
-            Image.new("L", (1280, 800), value).save(folder.run(run.name).renders / f"{name}.png")
-    assert contact_sheet(plan, folder)
-    with Image.open(folder.contact_sheet) as sheet:
-        width, height = THUMBNAIL
-        assert sheet.size == (2 * width, 2 * (height + 28))
-        middles = [sheet.getpixel((x, y))[0] for y in (228, 656) for x in (320, 960)]
-    assert middles == [10, 60, 110, 160]
-
-
-@pytest.mark.parametrize("more", ["", "overview: {kind: map, x: spacing, by: laser.power}\n", "repeats: 2\n"])
-def test_overview_shows_what_there_is(study, more):
-    plan = study("{kind: grid, values: {laser.power: [1, 2], spacing: [1 um, 2 um]}}", more=more)
-    rows = [
-        {**run.changes, "state": "failed" if run.number == 2 else "done", "seed": run.seed,
-         "max_temperature_K": None if run.number == 3 else 300.0 * run.number}
-        for run in plan.runs
-    ]  # fmt: skip
-    assert overview(plan, rows, Path("overview.png"))
-    assert Path("overview.png").read_bytes().startswith(b"\x89PNG")
-    assert not overview(plan, [row | {"max_temperature_K": None} for row in rows], Path("none.png"))
-    assert not Path("none.png").exists()
-
-
-@pytest.mark.parametrize("name", ["power_sweep", "process_map", "conductivity_study", "resolution_study"])
-def test_scripts_know_their_study(name, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--check"])
-    runpy.run_path(str(ROOT / "scripts" / f"{name}.py"), run_name="__main__")
-    assert capsys.readouterr().out.endswith("runs, all valid\n")
-
-
-def test_the_table_has_the_chief_numbers_of_the_analysis(study, console):
-    """As in analysis.json; a run that cannot be analysed says why, and `analyse: false` leaves them out."""
-    plan = study(GRID)
-    conduct(plan, console=console)
-    places = [StudyFolder(Path("studies/study")).run(run.name) for run in plan.runs]
-    for row, place in zip(table(), places, strict=True):
-        numbers = json.loads((place.analysis / "analysis.json").read_text())
-        assert float(row["analysis.pool.max_length_m"]) == pytest.approx(numbers["pool"]["max_length_m"])
-        assert int(row["analysis.pool.pools"]) == numbers["pool"]["pools"]
-    (places[0].analysis / "analysis.json").unlink()
-    places[0].snapshot(0).write_bytes(b"half")
-    conduct(plan, console=console)
-    bad, good = table()
-    assert "000000.vtu is truncated" in bad["analysis.failure"]
-    assert good["analysis.failure"] == ""
-    assert good["analysis.pool.max_length_m"]
-    conduct(study(GRID, more="analyse: false\n"), console=console)
-    assert not any(name.startswith("analysis.") for name in table()[0])

@@ -12,6 +12,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from taichi_slm.analysis.energy import ENDS, SOURCES
 from taichi_slm.output.atomic import write_bytes
+from taichi_slm.output.numbers import handy
 
 if TYPE_CHECKING:
     from taichi_slm.analysis.analyse import Analysis
@@ -52,20 +53,6 @@ def save(figure: Figure, path: Path) -> None:
     write_bytes(path, stream.getvalue())
 
 
-def scale_of(largest: float, unit: str = "m") -> tuple[float, str]:
-    """A factor and a unit in which ``largest`` [unit] is a handy number."""
-    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "µ")):
-        if abs(largest) >= 0.995 * factor:
-            return factor, prefix + unit
-    return (1e-6, "µ" + unit) if largest > 0.0 else (1.0, unit)
-
-
-def length_unit(largest: float, power: int) -> tuple[float, str]:
-    """A factor and a unit for lengths, areas (``power`` 2) and volumes (3) up to ``largest`` [m^power]."""
-    factor, name = (1e-6, "µm") if largest < 2e5 * 1e-6**power or power == 1 else (1e-3, "mm")
-    return factor**power, name + {2: "²", 3: "³"}.get(power, "")
-
-
 def title_of(found: "Analysis") -> str:
     """Of the scene, else the name of the folder."""
     return found.recording.config.title or found.recording.folder.resolve().name
@@ -82,11 +69,11 @@ def panels(count: int, across: int, title: str, height: float = 2.9) -> tuple[Fi
     return figure, axes
 
 
-def size_columns(dimension: int) -> list[tuple[str, str, str, int]]:
-    """Column, label, unit and power of the unit of what is drawn of a pool over time."""
-    deep = [("width_m", "width", "m", 1)] if dimension == 3 else []
-    size = ("volume_m3", "volume", "m", 3) if dimension == 3 else ("area_m2", "area", "m", 2)
-    return [("length_m", "length", "m", 1), *deep, ("depth_m", "depth", "m", 1), size]
+def size_columns(dimension: int) -> list[tuple[str, str, str]]:
+    """Column, label and unit of what is drawn of a pool over time."""
+    deep = [("width_m", "width", "m")] if dimension == 3 else []
+    size = ("volume_m3", "volume", "m³") if dimension == 3 else ("area_m2", "area", "m²")
+    return [("length_m", "length", "m"), *deep, ("depth_m", "depth", "m"), size]
 
 
 def pools_figure(found: "Analysis") -> Figure | None:
@@ -96,12 +83,12 @@ def pools_figure(found: "Analysis") -> Figure | None:
         return None
     shown = size_columns(found.dimension)
     figure, axes = panels(len(shown) + 1, 2, title_of(found))
-    clock, second = scale_of(found.end, "s")
+    clock, second = handy(found.end, "s")
     numbers, counts = np.unique(table["pool"], return_counts=True)
     named = numbers[np.argsort(-counts, kind="stable")][:NAMED]
-    columns = [*shown, ("max_temperature_K", "highest temperature", "K", 0)]
-    for ax, (name, label, unit, power) in zip(axes, columns, strict=True):
-        factor, unit_shown = length_unit(float(table[name].max()), power) if power else (1.0, unit)
+    columns = [*shown, ("max_temperature_K", "highest temperature", "K")]
+    for ax, (name, label, unit) in zip(axes, columns, strict=True):
+        factor, unit_shown = handy(float(table[name].max()), unit)
         for number in numbers:
             rows = table["pool"] == number
             known = number in named
@@ -118,7 +105,7 @@ def pools_figure(found: "Analysis") -> Figure | None:
             )
         ax.set(xlabel=f"time [{second}]", ylabel=f"{label} [{unit_shown}]")
         ax.set_xlim(0.0, found.end / clock)
-        if power:
+        if unit != "K":
             ax.set_ylim(bottom=0.0)
     if len(numbers) > 1:
         more = f"; grey: {len(numbers) - len(named)} more" if len(numbers) > len(named) else ""
@@ -213,7 +200,7 @@ def fronts_figure(found: "Analysis") -> Figure | None:
         ).ax.minorticks_off()  # fmt: skip
     middle.set(xlabel="x [µm]", ylabel="height [µm]")
     molten = np.asarray(table["time_above_melting_s"])
-    clock, second = scale_of(float(molten.max()), "s")
+    clock, second = handy(float(molten.max()), "s")
     right.hist(molten / clock, bins=40, color=TRACK, alpha=0.8)
     right.set(xlabel=f"time above melting [{second}]", ylabel="particles that froze")
     return figure
@@ -246,7 +233,7 @@ def spatter_figure(found: "Analysis") -> Figure | None:
     table = {name: np.asarray(values, dtype=float) for name, values in found.tables["spatter"].items()}
     if not found.chief["spatter"]["ejected_particles"]:
         return None
-    clock, second = scale_of(found.end, "s")
+    clock, second = handy(found.end, "s")
     factor, unit = (1e-9, "µg") if found.dimension == 3 else (1e-6, "mg/m")
     tail = "kg" if found.dimension == 3 else "kg_m"
     figure, (left, right) = panels(2, 2, title_of(found), 3.4)
@@ -269,7 +256,7 @@ def mixing_figure(found: "Analysis") -> Figure | None:
     table = found.tables["mixing"]
     if not table:
         return None
-    clock, second = scale_of(found.end, "s")
+    clock, second = handy(found.end, "s")
     figure, (left, right) = panels(2, 2, title_of(found), 3.4)
     columns = {name: np.asarray(values) for name, values in table.items()}
     labels = [f"{kind} {group}" for kind, group in zip(table["kind"], table["group"], strict=True)]
@@ -312,9 +299,9 @@ def energy_figure(found: "Analysis") -> Figure | None:
     if account is None or found.chief["energy"]["in_J"] <= 0.0:
         return None
     unit = "J/m" if found.dimension == 2 else "J"
-    clock, second = scale_of(float(account.time[-1]), "s")
+    clock, second = handy(float(account.time[-1]), "s")
     total = found.chief["energy"]["in_J"]
-    factor, shown = scale_of(total, unit)
+    factor, shown = handy(total, unit)
     figure, (left, right) = panels(2, 2, title_of(found), 3.8)
     names = dict(ENDS) | dict(SOURCES)
     # Small accounts first, from the bottom, so that they are seen below the store.

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from taichi_slm.analysis.figures import COLOURS, INK, length_unit, scale_of, size_columns
+from taichi_slm.analysis.figures import COLOURS, INK, size_columns
+from taichi_slm.output.numbers import handy
 
 if TYPE_CHECKING:
     from taichi_slm.analysis.compare import Compared
@@ -23,12 +24,12 @@ def overlay(runs: "list[Compared]") -> Figure:
     figure = Figure(figsize=(min(4.6 * across, 16.0), 7.2), layout="constrained")
     grid = figure.add_gridspec(2, across)
     end = max((float(run.tables["pools"]["time_s"].max(initial=0.0)) for run in runs), default=0.0) or 1e-6
-    clock, second = scale_of(end, "s")
+    clock, second = handy(end, "s")
     colours = palette(len(runs))
-    for place, (name, label, _, power) in enumerate(columns):
+    for place, (name, label, si) in enumerate(columns):
         ax = figure.add_subplot(grid[0, place])
         largest = max(float(np.nanmax(_largest(run, name)[1], initial=0.0)) for run in runs)
-        factor, unit = length_unit(largest, power)
+        factor, unit = handy(largest, si)
         for run, colour in zip(runs, colours, strict=True):
             time, values = _largest(run, name)
             ax.plot(time / clock, values / factor, ".-", ms=4, lw=1.2, color=colour)

@@ -6,11 +6,12 @@ where a unit is read, and the only place where a number is checked to be finite.
 
 import math
 import re
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, Field, WithJsonSchema
 
 # The units that nearly every config uses, as powers of ten, so that reading it does not wait 0.4 s for pint.
 _DECADES: dict[str, dict[str, int]] = {
@@ -106,13 +107,48 @@ def _by_pint(number: float, given: str, unit: str) -> float:
 _SCHEMA_BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 
 
+@dataclass(frozen=True)
+class Unit:
+    """What a quantity's annotation says of it: its SI unit, "" for a plain number."""
+
+    symbol: str
+
+
 def quantity(unit: str, **bounds: Any) -> Any:
     """An annotated float in SI ``unit`` with pydantic ``bounds`` (gt, ge, lt, le)."""
     number = {"type": "number", **{_SCHEMA_BOUNDS[name]: value for name, value in bounds.items()}}
     schema: dict[str, Any] = {"anyOf": [number, {"type": "string"}], "description": f"[{unit or '-'}]"}
-    return Annotated[
-        float, BeforeValidator(lambda value: to_si(value, unit)), Field(**bounds), WithJsonSchema(schema)
-    ]
+    check = BeforeValidator(lambda value: to_si(value, unit))
+    return Annotated[float, check, Field(**bounds), WithJsonSchema(schema), Unit(unit)]
+
+
+def unit_at(model: BaseModel, key: str) -> str:
+    """The SI unit of the value at ``key`` ("laser.path.0.speed") of a config; "" where it has none."""
+    value: Any = model
+    kinds: tuple[Any, ...] = ()
+    for word in key.split("."):
+        if isinstance(value, BaseModel):
+            field = type(value).model_fields.get(word)
+            kinds = (field.annotation, *field.metadata) if field else ()
+            value = getattr(value, word, None)
+        elif isinstance(value, list | tuple):
+            value = value[int(word)] if word.isdigit() and int(word) < len(value) else None
+        else:
+            value = value.get(word) if isinstance(value, dict) else None
+    return _symbol(kinds) if isinstance(value, float) else ""
+
+
+def _symbol(kinds: tuple[Any, ...]) -> str:
+    """The first unit among ``kinds``, annotations and what they consist of."""
+    for kind in kinds:
+        found = (
+            kind.symbol
+            if isinstance(kind, Unit)
+            else _symbol((*getattr(kind, "__metadata__", ()), *get_args(kind)))
+        )
+        if found:
+            return str(found)
+    return ""
 
 
 Length = quantity("m")

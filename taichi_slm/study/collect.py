@@ -1,6 +1,7 @@
 """The runs of a study as one table: CSV, and Parquet where pyarrow is."""
 
 import csv
+import difflib
 import io
 import json
 from collections.abc import Mapping
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_slm.analysis.analyse import CHIEF, numbers_of
+from taichi_slm.config.document import printable
 from taichi_slm.errors import StorageError
 from taichi_slm.output.atomic import write_bytes, write_text
 from taichi_slm.output.table import flat
@@ -28,11 +30,25 @@ def collect(plan: Plan, folder: StudyFolder, ends: Mapping[str, End]) -> list[st
 
     drawn = overview(plan, rows, folder.overview)
     lines.append(f"overview   {folder.overview}" if drawn else "overview   none: no run has results to plot")
+    lines += _unknown(plan, rows)
     pasted = contact_sheet(plan, folder)
     lines.append(f"tracks     {folder.contact_sheet}" if pasted else "tracks     none: no run made pictures")
     versions = {row["git"] for row in rows if row.get("git")}
     if len(versions) > 1:
         lines.append(f"note: the runs were made by {len(versions)} versions of the program; see column git")
+    return lines
+
+
+def _unknown(plan: Plan, rows: list[Row]) -> list[str]:
+    """A line for each column that the study's own ``overview.show`` names and the table lacks."""
+    if "show" not in plan.overview.model_fields_set or all(row["state"] != "done" for row in rows):
+        return []  # which columns there are is known once a run is done
+    lines = []
+    for name in plan.overview.show:
+        if name not in rows[0]:
+            near = difflib.get_close_matches(name, list(rows[0]), n=1)
+            meant = f". Did you mean '{near[0]}'?" if near else ""
+            lines.append(f"note: overview.show: the table has no column '{printable(name)}'{meant}")
     return lines
 
 

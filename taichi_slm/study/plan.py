@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from taichi_slm.config.document import Node, Problem, SyntaxProblemError, decode, parse, printable, resolve
 from taichi_slm.config.explain import explain
 from taichi_slm.config.load import LoadedConfig, file_bytes, load_config, refused
+from taichi_slm.config.units import unit_at
 from taichi_slm.errors import ConfigError
 from taichi_slm.study.schema import (
     Axis,
@@ -55,7 +56,9 @@ class PlannedRun:
 
     name: str
     number: int  # from 1
-    changes: dict[str, Any]  # key -> value as it is run, in SI
+    changes: dict[
+        str, Any
+    ]  # each key of the axes -> value as it is run, in SI, also where it is the scene's own
     seed: int
     scene: str  # YAML with every key
 
@@ -73,6 +76,7 @@ class Plan:
     precision: str
     warnings: tuple[str, ...] = ()
     analyse: bool = True  # whether the table has the chief numbers of the analysis
+    units: dict[str, str] = field(default_factory=dict)  # SI units of the keys that have one
 
     @property
     def keys(self) -> list[str]:
@@ -110,9 +114,9 @@ def load_plan(path: Path, arch: str = "cpu", precision: str = "f64") -> Plan:
         raise refused([*problems, *explain(error, tree or Node(None, str(path)), Study)]) from None
     except SyntaxProblemError as error:
         raise refused([*problems, error.problem]) from None
-    runs, warnings = _checked(scene, common, points, f"{arch} {precision}")
+    runs, warnings, units = _checked(scene, common, points, f"{arch} {precision}")
     title = study.title or path.stem
-    plan = Plan(path.stem, title, text, runs, study.overview, arch, precision, warnings, study.analyse)
+    plan = Plan(path.stem, title, text, runs, study.overview, arch, precision, warnings, study.analyse, units)
     for place in ("x", "by"):
         key = getattr(study.overview, place)
         if key is not None and key not in [*plan.keys, "seed"]:
@@ -243,9 +247,12 @@ def _problem(tree: Node, keys: tuple[str, ...], sentence: str) -> Problem:
 
 def _checked(
     scene: Path, common: list[Change], points: Sequence[list[Change]], machine: str
-) -> tuple[tuple[PlannedRun, ...], tuple[str, ...]]:
-    """Every run as a scene that has passed its checks, and the warnings; all errors at once."""
+) -> tuple[tuple[PlannedRun, ...], tuple[str, ...], dict[str, str]]:
+    """Every run as a scene that has passed its checks, the warnings, the keys' units; all errors at once."""
     runs: list[PlannedRun] = []
+    keys = list(dict.fromkeys(change.key for point in points for change in point if change.key != "seed"))
+    units: dict[str, str] = {}
+    drawn = False  # whether a seed makes a difference to any run
     errors: dict[str, list[int]] = {}  # line -> numbers of the runs that it is said of
     warnings: dict[str, None] = {}
     first: dict[str, PlannedRun] = {}
@@ -258,7 +265,9 @@ def _checked(
                 errors.setdefault(_located(line, changes), []).append(number)
             continue
         warnings |= dict.fromkeys(loaded.warnings)
-        run = _planned(loaded, point, number, machine)
+        run = _planned(loaded, point, keys, number, machine)
+        units |= {key: unit for key in keys if (unit := unit_at(loaded.config, key))}
+        drawn = drawn or any(body.shape == "powder_bed" for body in loaded.config.bodies)
         twin = first.setdefault(run.name.rpartition("-")[2], run)
         if twin is not run:
             where = point[-1].where if point else str(scene)
@@ -269,7 +278,9 @@ def _checked(
         shown = [line + _of(numbers, len(points)) for line, numbers in errors.items()]
         more = [f"... and {len(shown) - 100:,} more errors"] if len(shown) > 100 else []
         raise ConfigError("\n".join(shown[:100] + more))
-    return tuple(runs), tuple(warnings)
+    if len({run.seed for run in runs}) > 1 and not drawn:
+        warnings["no run has a powder_bed: runs that differ in their seed alone will be equal"] = None
+    return tuple(runs), tuple(warnings), units
 
 
 def _located(line: str, changes: Sequence[Change]) -> str:
@@ -288,14 +299,17 @@ def _of(numbers: Sequence[int], count: int) -> str:
     return f" (run {shown} of {count})"
 
 
-def _planned(loaded: LoadedConfig, point: Sequence[Change], number: int, machine: str) -> PlannedRun:
-    values = {change.key: _value_at(loaded.resolved, change.key) for change in point if change.key != "seed"}
+def _planned(
+    loaded: LoadedConfig, point: Sequence[Change], keys: Sequence[str], number: int, machine: str
+) -> PlannedRun:
+    """The run of ``point``, one of those of a study whose axes have the keys ``keys``."""
+    values = {key: _value_at(loaded.resolved, key) for key in keys}
     text = loaded.resolved_text
     digest = hashlib.sha256(f"{machine}\n{text}".encode()).hexdigest()[:10]
-    shown = dict(values)
+    shown = {change.key: values[change.key] for change in point if change.key != "seed"}
     if any(change.key == "seed" for change in point):
         shown["seed"] = loaded.config.seed
-    words = [f"{_last_word(key)}={short(value)}" for key, value in shown.items()]
+    words = [f"{last_word(key)}={short(value)}" for key, value in shown.items()]
     label = re.sub(r"[^\w.+=-]", "", "_".join(words), flags=re.ASCII)[:LONGEST_LABEL].strip(".-_") or "run"
     return PlannedRun(f"{label}-{digest}", number, values, loaded.config.seed, text)
 
@@ -307,7 +321,8 @@ def short(value: Any) -> str:
     return "" if isinstance(value, list | dict) else str(value)
 
 
-def _last_word(key: str) -> str:
+def last_word(key: str) -> str:
+    """The last word of a key's path that is no number: "speed" of laser.path.0.speed."""
     return next((word for word in reversed(key.split(".")) if not word.isdigit()), key)
 
 
@@ -315,7 +330,7 @@ def _value_at(resolved: Any, key: str) -> Any:
     """The value of ``key`` in a resolved config: in SI, whatever unit the study gave it in; None without one."""
     for word in key.split("."):
         if isinstance(resolved, list):
-            resolved = resolved[int(word)]
+            resolved = resolved[int(word)] if word.isdigit() and int(word) < len(resolved) else None
         else:
             resolved = resolved.get(word) if isinstance(resolved, dict) else None
     return resolved
