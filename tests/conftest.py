@@ -10,6 +10,8 @@ from collections.abc import Callable
 from typing import Any, Literal, get_args, get_origin
 
 import pytest
+from fake_run import FakeSimulation
+from rich.console import Console
 
 from taichi_slm.config.schema import Config
 from taichi_slm.run import driver
@@ -105,6 +107,19 @@ def track() -> Callable[..., Config]:
         return Config.model_validate(merged(TRACK, keys))
 
     return build
+
+
+@pytest.fixture
+def console(tmp_path):
+    """What a run says, in the file said.txt."""
+    with open(tmp_path / "said.txt", "w") as file:
+        yield Console(file=file)
+
+
+@pytest.fixture
+def fake(monkeypatch) -> None:
+    """Runs have the comet for a solver."""
+    monkeypatch.setattr(driver, "_build", lambda config, *_: FakeSimulation(config))
 
 
 PROBE = (

@@ -109,6 +109,7 @@ class FakeSimulation:
     """The face of taichi_slm.run.simulation.Simulation over a closed form; a step is 1e-7 s."""
 
     step_length = 1e-7
+    moving = 0
 
     def __init__(self, parsed: Config, **_settings) -> None:
         self.config, self.scene = parsed, scene(parsed)
@@ -213,6 +214,18 @@ class FakeSimulation:
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
         self.time, self.steps = float(arrays["time"][0]), int(arrays["steps"][0])
         self.ever_liquid = arrays["ever_liquid"].copy()
+
+
+OUTPUT = {"images": []}
+
+
+def short(**changes) -> Config:
+    """0.1 ms of the comet, 1000 steps and no pictures."""
+    return config(spacing=20e-6, length=200e-6, end=1e-4, output=OUTPUT, **changes)
+
+
+def run(tmp_path: Path, console: Console, parsed: Config | None = None, name: str = "run") -> Path:
+    return driver.execute(loaded(parsed or short()), tmp_path / name, console=console)
 
 
 def driven(out: Path, monkeypatch, **changes) -> Path:

@@ -11,8 +11,8 @@ from pathlib import Path
 import fake_run
 import numpy as np
 import pytest
-from fake_run import FakeSimulation
-from rich.console import Console
+from fake_run import FakeSimulation, run
+from fake_run import short as config
 
 from taichi_slm.errors import BlowUpError, InterruptedRunError, StoppedError, StorageError
 from taichi_slm.output.history import COLUMNS, read_history
@@ -24,28 +24,6 @@ from taichi_slm.run.progress import clock
 from taichi_slm.run.run_folder import RunFolder
 from taichi_slm.run.schedule import Every, earliest
 from taichi_slm.run.summary import doubts
-
-OUTPUT = {"images": []}
-
-
-@pytest.fixture
-def console(tmp_path):
-    with open(tmp_path / "said.txt", "w") as file:
-        yield Console(file=file)
-
-
-@pytest.fixture
-def fake(monkeypatch):
-    monkeypatch.setattr(driver, "_build", lambda config, *_: FakeSimulation(config))
-
-
-def config(**changes):
-    return fake_run.config(spacing=20e-6, length=200e-6, end=1e-4, output=OUTPUT, **changes)
-
-
-def run(tmp_path, console, parsed=None, name="run"):
-    return driver.execute(fake_run.loaded(parsed or config()), tmp_path / name, console=console)
-
 
 # --------------------------------------------------------------------------- schedule
 
@@ -298,6 +276,9 @@ def test_kill_at_any_moment_leaves_a_good_checkpoint(tmp_path):
     process.wait()
     assert latest_good(out / "checkpoints").step >= 0
     json.loads((out / "status.json").read_text())
+
+
+# --------------------------------------------------------------------------- what is said
 
 
 def test_missing_gl_names_the_package(tmp_path, monkeypatch):

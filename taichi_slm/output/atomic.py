@@ -17,6 +17,9 @@ from taichi_slm.errors import StorageError
 
 REASONS = {
     errno.ENOSPC: "the disk is full; free some space",
+    errno.EFBIG: "the file would be larger than allowed here (ulimit -f, or the file system)",
+    errno.EIO: "the disk reports an error; check it, and resume elsewhere from a copy",
+    errno.ESTALE: "the folder is gone from the file server",
     errno.EDQUOT: "the disk quota is used up; free some space",
     errno.EROFS: "the file system is read-only; write elsewhere with --out",
     errno.EACCES: "no permission to write there; choose another place with --out",
@@ -113,10 +116,10 @@ def read_json(path: Path) -> dict[str, Any]:
     return value
 
 
-def make_folder(path: Path) -> None:
-    """Make ``path`` and its parents; no complaint if it is there already."""
+def make_folder(path: Path, parents: bool = True) -> None:
+    """Make ``path``, and its parents unless they have to be there; no complaint if it is there already."""
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        path.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
         raise storage_error("make the folder", path, error) from error
 

@@ -44,7 +44,7 @@ class Slots:
 
     def write(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Path:
         """Write to the slot that does not hold the last good checkpoint; returns its path."""
-        make_folder(self.folder)
+        make_folder(self.folder, parents=False)  # a run folder that was taken away does not come back
         path = self.folder / SLOTS[self._next]
         packed = {**arrays, META: np.frombuffer(json.dumps(meta).encode("utf-8"), dtype=np.uint8)}
         packed[DIGEST] = _digest(packed)
@@ -57,16 +57,24 @@ class Slots:
 
 def find_latest(folder: Path) -> Checkpoint | None:
     """The checkpoint of the highest step among the whole ones in ``folder``, or None."""
-    whole = [checkpoint for name in SLOTS if (checkpoint := _read(folder / name)) is not None]
-    return max(whole, key=lambda checkpoint: checkpoint.step, default=None)
+    return examine(folder)[0]
+
+
+def examine(folder: Path) -> tuple[Checkpoint | None, list[Path]]:
+    """(the checkpoint of the highest step, or None; the slots that are there and damaged)."""
+    slots = [folder / name for name in SLOTS]
+    read = {path: _read(path) for path in slots}
+    whole = [checkpoint for checkpoint in read.values() if checkpoint is not None]
+    damaged = [path for path, checkpoint in read.items() if checkpoint is None and path.exists()]
+    return max(whole, key=lambda checkpoint: checkpoint.step, default=None), damaged
 
 
 def latest_good(folder: Path) -> Checkpoint:
     """As :func:`find_latest`; where there is none, a StorageError says so."""
-    checkpoint = find_latest(folder)
+    checkpoint, damaged = examine(folder)
     if checkpoint is None:
-        there = [name for name in SLOTS if (folder / name).exists()]
-        reason = f"{' and '.join(there)} there are damaged" if there else "there is none"
+        there = " and ".join(path.name for path in damaged)
+        reason = f"{there} there are damaged" if damaged else "there is none"
         raise StorageError(
             f"no good checkpoint in {folder}: {reason}; start the run anew from its config.yaml"
         )

@@ -1,7 +1,6 @@
 """Writes what is due (history, snapshot, checkpoint, status) and never changes the simulation."""
 
 import contextlib
-import math
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ import numpy as np
 
 from taichi_slm.analysis.melt_pool import MeltPool, measure
 from taichi_slm.config.material import Material
-from taichi_slm.output.atomic import make_folder, write_json
+from taichi_slm.output.atomic import make_folder, storage_error, write_json
 from taichi_slm.output.history import COLUMNS, History, keep_until
 from taichi_slm.output.snapshots import Snapshot, read_series, write_series, write_snapshot
 from taichi_slm.run.checkpoint import Checkpoint, Slots
@@ -24,6 +23,8 @@ STATUS_SECONDS = 1.0
 PAUSE = 100
 """Flow steps between the moments at which a run may be stopped and saved: an unbroken run pauses there, too, so that a
 resumed one has its bits."""
+LONGEST = 6_000_000
+"""Particles times steps between two pauses: some seconds of two cores, so that a large run, too, leaves in time."""
 
 
 class Recorder:
@@ -38,7 +39,7 @@ class Recorder:
         simulation is compiled, and restored if the run is a resumed one.
         """
         self.sim, self.folder = sim, folder
-        self._began = began
+        self.began = began  # of this process, by time.perf_counter
         self.melting = melting_points(sim.scene.materials)
         self.entries: list[tuple[float, str]] = []
         self._last_row = self._last_snapshot = self._last_save = self._status_at = -1.0
@@ -50,12 +51,22 @@ class Recorder:
         if resumed:
             after = float(resumed.meta["time_s"])
             self._cut_back(resumed)
+        else:
+            self._clear()
         self.history = History(folder.history)
         self.slots = Slots(folder.checkpoints)
         end, output = sim.config.time.end, sim.config.output
         self.rows = Every(output.history_interval or end / 400, after)
         self.pictures = Every(output.snapshot_interval or end / 40, after)
         self.saves = Every(output.checkpoint_interval or end / 10, after)
+
+    def _clear(self) -> None:
+        """Remove what a run left that ended before its first checkpoint and begins again."""
+        for path in (self.folder.history, self.folder.series, *self.folder.snapshots.glob("*.vtu")):
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise storage_error("remove", path, error) from error
 
     def _cut_back(self, resumed: Checkpoint) -> None:
         now = float(resumed.meta["time_s"])
@@ -80,8 +91,14 @@ class Recorder:
         return earliest([self.rows, self.pictures, self.saves], self.sim.config.time.end)
 
     def next_pause(self) -> int:
-        """The step at which the run pauses next, should nothing be due before: a multiple of PAUSE."""
-        return (self.sim.steps // PAUSE + 1) * PAUSE
+        """The step at which the run pauses next, should nothing be due before.
+
+        It follows from the state and the config alone, never from the clock: a resumed run finds the same one.
+        """
+        sim, every = self.sim, self.sim.config.output.checkpoint_steps
+        at_work = sim.moving or sim.scene.count  # where nobody moves a step is one of heat
+        pause = min(PAUSE, max(1, LONGEST // at_work))
+        return min(_next_multiple(sim.steps, pause), _next_multiple(sim.steps, every or pause))
 
     def record(self) -> dict[str, Any] | None:
         """Write all that is due now; the row of history if there was one."""
@@ -97,9 +114,9 @@ class Recorder:
 
     def _save_is_late(self) -> bool:
         """Whether so many steps or so much wall time have passed since the last checkpoint."""
-        output = self.sim.config.output
-        steps, wall = self.sim.steps - self._saved_step, time.perf_counter() - self._saved_at
-        return wall > output.checkpoint_wall or steps >= (output.checkpoint_steps or math.inf)
+        output, every = self.sim.config.output, self.sim.config.output.checkpoint_steps
+        steps_are_due = every is not None and self.sim.steps >= _next_multiple(self._saved_step, every)
+        return steps_are_due or time.perf_counter() - self._saved_at > output.checkpoint_wall
 
     def record_last(self) -> dict[str, Any] | None:
         """Close a finished run: a last row and a last snapshot, if the last ones are older."""
@@ -145,7 +162,7 @@ class Recorder:
 
     def write_crash(self) -> None:
         """Write the particles as they are at a blow-up."""
-        make_folder(self.folder.crash)
+        make_folder(self.folder.crash, parents=False)
         write_snapshot(self.folder.crash / f"step_{self.sim.steps}.vtu", self._snapshot())
 
     def _snapshot(self) -> Snapshot:
@@ -164,7 +181,7 @@ class Recorder:
         """Wall, solver and compile time [s] and particle steps, those before a resume included."""
         sim = self.sim
         now = {
-            "wall_time_s": time.perf_counter() - self._began,
+            "wall_time_s": time.perf_counter() - self.began,
             "solver_time_s": sim.solver_time_s,
             "compile_time_s": sim.compile_time_s,
             "particle_steps": sim.particle_steps,
@@ -186,7 +203,7 @@ class Recorder:
         self._status_at = time.perf_counter()
         end = self.sim.config.time.end
         done = self.sim.time - self._resumed_at
-        wall = self._status_at - self._began
+        wall = self._status_at - self.began
         eta = wall * (end - self.sim.time) / done if state == "running" and done > 0.0 else None
         slot = self.checkpoint_path
         status = {
@@ -204,6 +221,10 @@ class Recorder:
     def close(self) -> None:
         """Close the open file."""
         self.history.close()
+
+
+def _next_multiple(step: int, of: int) -> int:
+    return (step // of + 1) * of
 
 
 def _costs_before(meta: dict[str, Any], sim: "Simulation") -> dict[str, float]:

@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import lru_cache
@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from taichi_slm.compiler import compiler
-from taichi_slm.config.load import LoadedConfig
+from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
 from taichi_slm.config.schema import Config
-from taichi_slm.errors import StorageError
+from taichi_slm.errors import ConfigError, StorageError
+from taichi_slm.output import lock
 from taichi_slm.output.atomic import make_folder, read_json, storage_error, write_text
 
 __all__ = ["RunFolder", "package_version", "processor", "provenance", "read_json", "source_hash"]
@@ -52,6 +53,20 @@ class RunFolder:
                 f"{path} is not a run folder: config.resolved.yaml or provenance.json is missing"
             )
         return folder
+
+    def resolved_config(self, facts: Mapping[str, Any]) -> Config:
+        """The config of the run; a ConfigError if it is not the one of ``facts``, its provenance."""
+        begun_with = facts.get("config_sha256")
+        try:
+            data = self.resolved.read_bytes()
+        except OSError as error:
+            raise storage_error("read", self.resolved, error) from error
+        if begun_with not in (None, hashlib.sha256(data).hexdigest()):
+            raise ConfigError(
+                f"{self.resolved} is not what the run was begun with (provenance.json has its SHA-256): put it back, "
+                "or begin a new run from it"
+            )
+        return load_config(self.resolved).config
 
     @property
     def config(self) -> Path:
@@ -125,12 +140,15 @@ class RunFolder:
 
 def _fresh(loaded: LoadedConfig, out: Path | None) -> Path:
     if out is not None:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        taken = out.exists() and (not out.is_dir() or any(out.iterdir()))
+        if not taken:
+            make_folder(out)
+            taken = not lock.claim(out)
+        if taken:
             raise StorageError(
                 f"{out} exists already and is never written over: name another --out, move it away, "
                 f"or, if it is a run that stopped, continue it with: taichi-slm resume {out}"
             )
-        make_folder(out)
         return out
     name = loaded.path.stem
     stamp = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")

@@ -305,7 +305,8 @@ class Simulation:
                                    self.bins.floor[None] if self.bins else 0.0])  # fmt: skip
         saved["counts"] = np.array([self.steps, self.particle_steps, self.moving, self.hottest_id,
                                     flow.count if flow else 0,
-                                    self.surface.evaluations if self.surface else 0], np.int64)  # fmt: skip
+                                    self.surface.evaluations if self.surface else 0,
+                                    self.activity.builds], np.int64)  # fmt: skip
         return saved
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
@@ -319,7 +320,8 @@ class Simulation:
         self.time, self.dt, self.hottest, self.accounts.incident = time_, dt, hottest, incident
         self._allowed = allowed
         counts = [int(n) for n in saved["counts"]]
-        self.steps, self.particle_steps, self.moving, self.hottest_id, count, evaluations = counts
+        self.steps, self.particle_steps, self.moving, self.hottest_id, count, evaluations, builds = counts
+        self.activity.builds = builds
         if self.surface is not None:
             self.surface.evaluations = evaluations
         if self.flow_step is not None:

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 
 from taichi_slm.errors import BlowUpError, InterruptedRunError, StoppedError, StorageError
 from taichi_slm.output.atomic import make_folder, storage_error
+from taichi_slm.output.lock import take
 from taichi_slm.run.checkpoint import find_latest
 from taichi_slm.run.run_folder import RunFolder, read_json
 from taichi_slm.study.folder import StudyFolder
@@ -114,27 +115,13 @@ def _alone(path: Path, stop: "Stop | StopFile | None") -> Iterator[BinaryIO | No
     try:
         with open(path, "ab") as log:
             while not _asked(stop):
-                if _lock(log):
+                if take(log):
                     yield log
                     return
                 time.sleep(LOOK_SECONDS)
             yield None
     except OSError as error:
         raise storage_error("write", path, error) from error
-
-
-def _lock(file: BinaryIO) -> bool:
-    try:
-        import fcntl
-    except ImportError:  # Windows: one study at a time is up to the user
-        return True
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
-    return True
 
 
 def _set_aside(study: StudyFolder, name: str) -> None:
