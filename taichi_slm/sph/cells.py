@@ -44,6 +44,7 @@ class Cells:
         inner = np.zeros(self.shape, np.int32)
         inner[(slice(self.border, -self.border),) * len(self.shape)] = 1
         self.inner.from_numpy(inner.ravel())
+        self._windows: dict[int, Any] = {}
         self._home = ti.field(ti.i32, shape=state.count)  # cell of each particle
         self._schedule = schedule
         self.cell_of, self._finite = self._compile_place(lower)
@@ -171,11 +172,11 @@ class Cells:
 
     def window(self, cells: int) -> Any:
         """Differences of number to the cells up to ``cells`` away on each axis, i32, shape [(2 cells + 1)^d]."""
-        around = np.array(list(product(range(-cells, cells + 1), repeat=len(self.shape))))
-        values = (around @ self._strides()).astype(np.int32)
-        field = ti.field(ti.i32, shape=len(values))
-        field.from_numpy(values)
-        return field
+        if cells not in self._windows:
+            around = np.array(list(product(range(-cells, cells + 1), repeat=len(self.shape))))
+            self._windows[cells] = ti.field(ti.i32, shape=len(around))
+            self._windows[cells].from_numpy((around @ self._strides()).astype(np.int32))
+        return self._windows[cells]
 
     def reach(self, radius: float) -> int:
         """Cells to look at on each side for everything within ``radius`` [m]."""
