@@ -17,3 +17,8 @@ def compiler() -> str:
     if importlib.util.find_spec(name) is None:
         raise ConfigError(f'{VARIABLE} is {name}, which is not installed: pip install ".[{name}]"')
     return name
+
+
+def installed() -> list[str]:
+    """Those of ``COMPILERS`` that are there."""
+    return [name for name in COMPILERS if importlib.util.find_spec(name) is not None]

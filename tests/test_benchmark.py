@@ -60,7 +60,7 @@ def test_cpp_computes_the_same_numbers(precision, limit):
     assert [row["pass"] for row in found] == ["momentum", "continuity", "colour", "conduction"]
     for row in found:
         assert row["largest difference"] < limit, row
-        assert row["taichi over c++"] > 0
+        assert row["over c++"] > 0
         assert 10 < row["neighbours"] < 40
 
 

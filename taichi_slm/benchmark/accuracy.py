@@ -1,7 +1,8 @@
 """What an error costs.
 
 Scenes with an exact or a measured answer (those of `taichi-slm verify`), each run in a process of its own on one
-thread: at several spacings in f64 and f32, and at several time steps (all limits times one factor) at one spacing.
+thread: at several spacings in f64 and f32, and in f64 with the kernels compiled by quadrants where that is installed;
+and at several time steps (all limits times one factor) at one spacing.
 "Paper's steps" is the same scene and spacing stepped as the paper does: 0.05 h/c0, nothing skipped, heat in every
 step by its Algorithm 1 with an apparent heat capacity. "Paper's forms" has every printed form as well
 (configs/paper.yaml); most end early. Time is that of the steps, without the compiling, the median of the turns.
@@ -21,12 +22,14 @@ import numpy as np
 from taichi_slm.benchmark.measure import Yardstick, processes_in_turn
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
 from taichi_slm.benchmark.report import Findings
+from taichi_slm.compiler import VARIABLE, installed
 from taichi_slm.config.schema import Config
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Curve
 
 STEP_FACTORS = (0.25, 0.5, 1.5)
 _LIMITS = ("courant", "viscous_factor", "capillary_factor", "heat_factor", "temperature_step")
+_MARKED = ("step", "paper's steps", "paper's forms")  # settings that are points of the plots
 UM = 1e-6
 
 
@@ -105,12 +108,15 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
 
 
 def jobs(name: str, quick: bool) -> dict[str, dict[str, Any]]:
-    """The runs of a case by their names; the arguments of :func:`point`."""
+    """The runs of a case by their names; the arguments of :func:`point`, and the environment."""
     case = CASES[name]
     levels = case.levels[:2] if quick else case.levels
     middle = case.levels[0] if quick else case.middle
     plan = {f"f64, {_level(level)}": {"level": level} for level in levels}
     plan |= {f"f32, {_level(level)}": {"level": level, "precision": "f32"} for level in levels}
+    if "quadrants" in installed():
+        other = {"environment": {VARIABLE: "quadrants"}}
+        plan |= {f"quadrants, {_level(level)}": {"level": level, **other} for level in levels}
     for factor in STEP_FACTORS[1:] if quick else STEP_FACTORS:
         plan[f"step x {factor:g}, {_level(middle)}"] = {"level": middle, "step": factor}
     plan[f"paper's steps, {_level(middle)}"] = {"level": middle, "forms": "steps"}
@@ -204,7 +210,6 @@ def _plot(findings: Findings, name: str, title: str, rows: list[dict[str, Any]])
         )
         return Curve(settings, [row["seconds"] for row in own], [row["error"] for row in own], style)
 
-    findings.plot(f"accuracy_{name}", title, "seconds", "error", [
-        curve("f64", "line"), curve("f32", "dashed"), curve("step", "points"), curve("paper's steps", "points"),
-        curve("paper's forms", "points"),
-    ])  # fmt: skip
+    styles = {"f64": "line", "f32": "dashed", "quadrants": "dashed"} | dict.fromkeys(_MARKED, "points")
+    curves = [curve(settings, style) for settings, style in styles.items()]
+    findings.plot(f"accuracy_{name}", title, "seconds", "error", curves)

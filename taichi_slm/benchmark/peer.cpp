@@ -21,7 +21,7 @@ struct Scene {  // the order is that of peer.py
     real normal_cut;                  // [1/m]
     real table_scale;                 // |grad c| [1/m] -> place in the table of a flat surface
     // sizes
-    int mobile, hot, near_surface_count, near_capacity, far_capacity, intervals;
+    int mobile, hot, near_surface_count, near_width, far_width, intervals;
     // lists
     const int *rows, *hot_rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
     // fields, SI; vectors are x, y, x, y ...
@@ -55,7 +55,7 @@ extern "C" void momentum(const Scene *scene) {
         const real u = s.velocity[2 * a], v = s.velocity[2 * a + 1];
         const real p_a = s.pressure[a], mu_a = s.viscosity[a];
         real fx = 0, fy = 0, cx = 0, cy = 0, px = 0, py = 0, gxx = 0, gxy = 0, gyx = 0, gyy = 0;
-        const int *list = s.near + (long)a * s.near_capacity;
+        const int *list = s.near + (long)a * s.near_width;
         for (int j = 0; j < s.near_count[a]; j++) {
             const int b = list[j];
             const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
@@ -112,7 +112,7 @@ extern "C" void continuity(const Scene *scene) {
         const real excess = s.density[a] - s.reference_density[a];
         real divergence = 0, diffused = 0, gamma = s.volume[a] * s.alpha;
         real weight = gamma, background = gamma * s.background[a];
-        const int *list = s.near + (long)a * s.near_capacity;
+        const int *list = s.near + (long)a * s.near_width;
         for (int j = 0; j < s.near_count[a]; j++) {
             const int b = list[j];
             const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
@@ -143,7 +143,7 @@ extern "C" void colour(const Scene *scene) {
         const int a = s.rows[s.near_surface[i]];
         const real x = s.position[2 * a], y = s.position[2 * a + 1];
         real gx = 0, gy = 0;
-        const int *lists[2] = {s.near + (long)a * s.near_capacity, s.far + (long)a * s.far_capacity};
+        const int *lists[2] = {s.near + (long)a * s.near_width, s.far + (long)a * s.far_width};
         const int counts[2] = {s.near_count[a], s.far_count[a]};
         for (int part = 0; part < 2; part++)
             for (int j = 0; j < counts[part]; j++) {
@@ -171,7 +171,7 @@ extern "C" void conduction(const Scene *scene) {
         const real x = s.position[2 * a], y = s.position[2 * a + 1];
         const real phi = s.kirchhoff[a], factor = s.conduction_factor[a];
         real conducted = 0;
-        const int *list = s.near + (long)a * s.near_capacity;
+        const int *list = s.near + (long)a * s.near_width;
         for (int j = 0; j < s.near_count[a]; j++) {
             const int b = list[j];
             const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];

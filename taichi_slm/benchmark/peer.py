@@ -23,15 +23,15 @@ from taichi_slm.sph.lattice import isotropic_softening, viscous_moment
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=c++17", "-shared", "-fPIC")
 ABOUT = (
-    f"Plain scalar loops (taichi_slm/benchmark/peer.cpp), g++ {' '.join(FLAGS[:3])}; Taichi has fast math too. The "
-    "largest difference is that of any result of the pass, over the largest value of that result."
+    f"Plain scalar loops (taichi_slm/benchmark/peer.cpp), g++ {' '.join(FLAGS[:3])}; the kernels have fast math too. "
+    "The largest difference is that of any result of the pass, over the largest value of that result."
 )
 SOURCE = Path(__file__).with_name("peer.cpp")
 _CONSTANTS = (
     "h", "alpha", "h_surface", "alpha_surface", "moment", "softening", "viscous_scale", "gravity", "sound_speed",
     "delta", "packing", "shifting", "dt", "normal_cut", "table_scale",
 )  # fmt: skip
-_SIZES = ("mobile", "hot", "near_surface_count", "near_capacity", "far_capacity", "intervals")
+_SIZES = ("mobile", "hot", "near_surface_count", "near_width", "far_width", "intervals")
 _LISTS = ("rows", "hot_rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
 _FIELDS = (
     "position", "velocity", "density", "reference_density", "volume", "pressure", "viscosity", "background",
@@ -86,7 +86,7 @@ class Twin:
     name: str
     rows: int
     neighbours: float
-    taichi: Callable[[], None]
+    kernel: Callable[[], None]
     cpp: Callable[[], None]
     difference: Callable[[], float]
 
@@ -154,7 +154,7 @@ class _Exported:
             like = sim.state.array(field)
             arrays[name] = np.zeros(like.shape, np.float64 if name == "heating" else self._real)
         sizes = {"mobile": rows.mobile, "hot": rows.hot, "near_surface_count": surface.flow,
-                 "near_capacity": rows.near_capacity, "far_capacity": rows.far_capacity,
+                 "near_width": rows.near.shape[1], "far_width": rows.far.shape[1],
                  "intervals": len(sim.disc.flat.shepard) - 1}  # fmt: skip
         pointers = {name: values.ctypes.data for name, values in arrays.items()}
         return _structure(self._precision)(**self._constants(dt), **sizes, **pointers), arrays
@@ -166,7 +166,7 @@ class _Exported:
         scene, arrays = self._scene(0.0)
         place = ctypes.addressof(scene)
 
-        def taichi() -> None:
+        def kernel() -> None:
             launch(0.0)
             ti.sync()
 
@@ -180,7 +180,7 @@ class _Exported:
             launch(dt)
             return self._largest_difference(name, results, before)
 
-        return Twin(name, count, self._neighbours(name), taichi, cpp, difference)
+        return Twin(name, count, self._neighbours(name), kernel, cpp, difference)
 
     def _rows(self, name: str) -> np.ndarray:
         rows, surface = self._sim.rows, self._sim.surface
@@ -201,8 +201,8 @@ class _Exported:
         """Of any result of the pass, over that result's largest value; of the density, over its largest change."""
         worst, own = 0.0, self._rows(name)
         for result in _PASSES[name]:
-            taichi, cpp = self._sim.state.array(_RESULTS[result])[own], results[result][own]
-            worst = max(worst, float(np.abs(taichi - cpp).max() / np.abs(taichi).max()))
+            ours, cpp = self._sim.state.array(_RESULTS[result])[own], results[result][own]
+            worst = max(worst, float(np.abs(ours - cpp).max() / np.abs(ours).max()))
         if name == "momentum":
             self._sim.state.load(density=density)
         return worst

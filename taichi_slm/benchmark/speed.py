@@ -17,27 +17,31 @@ from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, in_turn,
 from taichi_slm.benchmark.passes import Pass, Watch
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.benchmark.scenes import drop, track, warm
+from taichi_slm.compiler import VARIABLE, installed
 from taichi_slm.run.simulation import Simulation
+from taichi_slm.verification.case import Curve
 
 US = 1e6
 STALL = 5.0  # times the median: a launch is never that much longer than its like, but for another process
 
 
 def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
-    """Profiles of both scenes in both precisions, then Taichi beside C++ on the lists of the drop."""
+    """Profiles of both scenes, then the passes beside C++ on the lists of the drop; by every compiler and precision."""
     summaries: list[dict[str, Any]] = []
+    ways = [(compiler, precision) for precision in ("f64", "f32") for compiler in installed()]
     for scene, title in (("drop", "a drop"), ("track", "a melting track")):
-        for precision in ("f64", "f32"):
+        for compiler, precision in ways:
+            environment = {VARIABLE: compiler}
             found = in_its_own_process(
-                "benchmark.speed:profile", scene=scene, precision=precision, quick=quick
+                "benchmark.speed:profile", environment, scene=scene, precision=precision, quick=quick
             )
             yardstick.measure()
-            name = f"{scene}, {precision}"
+            row = {"scene": scene, "compiler": compiler, "precision": precision}
             if "failure" in found:
-                summaries.append({"scene": name, "failure": found["failure"]})
+                summaries.append({**row, "failure": found["failure"]})
                 continue
-            summaries.append({"scene": name, **found["step"]})
-            if precision == "f64":
+            summaries.append({**row, **found["step"]})
+            if (compiler, precision) == ways[0]:
                 findings.table(
                     f"speed_{scene}", f"The passes of a step: {title}, {precision}", found["passes"]
                 )
@@ -45,11 +49,30 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
                    "An active particle is one that has work of any kind. A heat step has several flow steps in it. "
                    "The clock's own cost is the time of a step with it over that of a step without.")  # fmt: skip
     beside = []
-    for precision in ("f64", "f32"):
-        found = in_its_own_process("benchmark.speed:beside_cpp", precision=precision, quick=quick)
+    for compiler, precision in ways:
+        environment = {VARIABLE: compiler}
+        found = in_its_own_process(
+            "benchmark.speed:beside_cpp", environment, precision=precision, quick=quick
+        )
         yardstick.measure()
-        beside += found.get("rows", [{"pass": found.get("failure", ""), "precision": precision}])
-    findings.table("speed_cpp", "Taichi and plain C++ on the same lists, one thread", beside, peer.ABOUT)
+        rows = found.get("rows", [{"pass": found.get("failure", "")}])
+        beside += [{"compiler": compiler, "precision": precision} | row for row in rows]
+    findings.table("speed_cpp", "The passes and plain C++ on the same lists, one thread", beside, peer.ABOUT)
+    _plot(findings, beside, ways)
+
+
+def _plot(findings: Findings, rows: list[dict[str, Any]], ways: list[tuple[str, str]]) -> None:
+    """The time of every pass over that of its C++ version."""
+    curves = []
+    for compiler, precision in ways:
+        own = [row for row in rows if (row["compiler"], row["precision"]) == (compiler, precision)]
+        own = [row for row in own if "over c++" in row]
+        ratios, passes = [row["over c++"] for row in own], [row["pass"] for row in own]
+        curves.append(Curve(f"{compiler}, {precision}", ratios, passes, "points"))
+    if any(curve.x for curve in curves):
+        first, last = rows[0]["pass"], rows[-1]["pass"]
+        curves.append(Curve("plain C++", [1.0, 1.0], [first, last], "dashed"))
+    findings.plot("speed_cpp", "Time of a pass", "over that of plain C++", "", curves, "")
 
 
 def profile(scene: str, precision: str, quick: bool) -> dict[str, Any]:
@@ -149,7 +172,7 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
     """Every pass that has a C++ version: {"rows": time of either, their ratio and their difference}."""
     missing = peer.missing()
     if missing:
-        return {"rows": [{"pass": missing, "precision": precision}]}
+        return {"rows": [{"pass": missing}]}
     sim = Simulation(drop(16 if quick else 40), precision=precision, threads=1)
     warm(sim)
     for _ in range(8):
@@ -158,12 +181,12 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
     rows = []
     for twin in peer.twins(sim, precision):
         difference = twin.difference()
-        seconds = in_turn({"taichi": twin.taichi, "c++": twin.cpp}, 5 if quick else 41, 2 if quick else 5)
+        seconds = in_turn({"kernel": twin.kernel, "c++": twin.cpp}, 5 if quick else 41, 2 if quick else 5)
         per_row = {name: 1e9 * statistics.median(values) / twin.rows for name, values in seconds.items()}
         rows.append({
-            "pass": twin.name, "precision": precision, "rows": twin.rows, "neighbours": twin.neighbours,
-            "taichi, ns per row": per_row["taichi"], "c++, ns per row": per_row["c++"],
-            "taichi over c++": ratio(seconds["taichi"], seconds["c++"]),
+            "pass": twin.name, "rows": twin.rows, "neighbours": twin.neighbours,
+            "ns per row": per_row["kernel"], "c++, ns per row": per_row["c++"],
+            "over c++": ratio(seconds["kernel"], seconds["c++"]),
             "largest difference": difference,
         })  # fmt: skip
     return {"rows": rows}
