@@ -60,7 +60,9 @@ def test_side_by_side(runs, tmp_path, command):  # noqa: F811
     assert (tmp_path / "both/compare.png").read_bytes()[:4] == b"\x89PNG"
     lines = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.strip()}
     assert lines["short_run"] == ["long_run"]
-    assert [float(value) for value in lines["bodies.0.length"]] == pytest.approx([400 * UM, 460 * UM])
+    unit, *lengths = lines["bodies.0.length"]
+    assert unit == "[m]"
+    assert [float(value) for value in lengths] == pytest.approx([400 * UM, 460 * UM])
     assert "pool.max_length_m" in lines
     assert "laser.power" not in lines
 

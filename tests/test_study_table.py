@@ -57,6 +57,7 @@ def test_overview_shows_what_there_is(study, more):  # noqa: F811
     assert overview(plan, rows, Path("overview.png"))
     assert Path("overview.png").read_bytes().startswith(b"\x89PNG")
     assert not overview(plan, [row | {"max_temperature_K": None} for row in rows], Path("none.png"))
+    assert not overview(plan, [row | {"state": "stopped"} for row in rows], Path("none.png"))
     assert not Path("none.png").exists()
 
 

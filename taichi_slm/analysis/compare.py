@@ -10,6 +10,7 @@ import numpy as np
 from taichi_slm.analysis.analyse import CHIEF, numbers_of
 from taichi_slm.analysis.recording import open_run
 from taichi_slm.config.schema import Config
+from taichi_slm.config.units import unit_at
 from taichi_slm.errors import ConfigError
 from taichi_slm.output.atomic import make_folder
 from taichi_slm.output.history import read_history
@@ -100,7 +101,8 @@ def _print(found: list[Compared], changes: dict[str, list[Any]], console: "Conso
     for run in found:
         table.add_column(run.name, justify="right", overflow="fold")
     for key, values in changes.items():
-        table.add_row(key, *(_text(value) for value in values), style="bold")
+        unit = next((unit for run in found if (unit := unit_at(run.config, key))), "")
+        table.add_row(f"{key} [{unit}]" if unit else key, *(_text(value) for value in values), style="bold")
     table.add_section()
     for key in CHIEF:
         values = [run.numbers.get(key) for run in found]

@@ -22,8 +22,9 @@ KINDS = ("state", "temperature")  # the frozen track first
 
 
 def overview(plan: Plan, rows: list[Row], path: Path) -> bool:
-    """Draw the results that ``plan`` wants shown; False, and no picture, where no run has any."""
-    shown = [name for name in plan.overview.show if any(_number(row.get(name)) is not None for row in rows)]
+    """Draw the results that ``plan`` wants shown; False, and no picture, where no run that is done has any."""
+    done = [row for row in rows if row["state"] == "done"]
+    shown = [name for name in plan.overview.show if any(_number(row.get(name)) is not None for row in done)]
     if not shown:
         return False
     from matplotlib.backends.backend_agg import FigureCanvasAgg
