@@ -41,9 +41,9 @@ def drop(run: Run) -> list[Figure]:
             "temperature",
             _image(plot),
             [run],
-            f"The error follows the cycle and stays of one size, with a slow drift near the surface: at most {early:.2f} % "
-            f"in the first three cycles, {late:.2f} % in the last three. It is at most {inside:.2f} % inside (paper: less than 0.4 %) and "
-            f"{surface:.2f} % near the surface (paper: less than 0.8 %).",
+            "The error follows the cycle and stays of one size, with a slow drift near the surface: at most "
+            f"{early:.2f} % in the first three cycles, {late:.2f} % in the last three. It is at most {inside:.2f} % "
+            f"inside (paper: less than 0.4 %) and {surface:.2f} % near the surface (paper: less than 0.8 %).",
             "The paper gives neither its sound speed nor its viscosity, and its h/dx of 1.2 is 1.5 here: "
             "the errors can be compared in size only.",
         )
