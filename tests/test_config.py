@@ -125,6 +125,9 @@ def test_schema_file_is_up_to_date():
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
+        ("spacing:", "seed: true\nspacing:", "scene.yaml:2: seed: expected a whole number; 'True' is given."),
+        ("time:", "materials: {m: {extends: steel_304, solidus: 1800}}\ntime:",
+         "scene.yaml:12: materials.m: material 'm': solidus 1800 K is not below liquidus 1773 K."),
         ("spacing:", "spacng:", "scene.yaml:2: spacng: unknown key. Did you mean 'spacing'?"),
         ("  power: 150", "  powr: 150", "scene.yaml:9: laser.powr: unknown key. Did you mean 'power'?"),
         ("length: 1 mm, ", "lenght: 1 mm, ",

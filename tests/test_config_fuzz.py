@@ -1,9 +1,13 @@
 """Configs that nobody would write: mutated, random, hostile. A ConfigError each, never anything else."""
 
 import math
+import os
 import random
+import re
+import string
 from copy import deepcopy
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -87,6 +91,88 @@ def test_mutated_configs_never_give_a_traceback(tmp_path, monkeypatch):
             assert "pydantic" not in line
             assert "Value error" not in line
     assert refused > 200
+
+
+SPOILED = (
+    lambda text, rng: text.replace("  ", "\t", 1),
+    lambda text, rng: _number(text, rng, "1e400"),
+    lambda text, rng: _number(text, rng, ".nan"),
+    lambda text, rng: _number(text, rng, "-1"),
+    lambda text, rng: _number(text, rng, "9" * rng.randint(1, 400)),
+    lambda text, rng: text + rng.choice(text.splitlines()) + "\n",
+    lambda text, rng: text[: rng.randrange(len(text))],
+    lambda text, rng: "".join(rng.sample(list(text), len(text))),
+    lambda text, rng: text.replace(":", rng.choice((": &a", ": *a", ": !!python/name:os.system", ": |", ": [")), 1),
+    lambda text, rng: "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
+        f"{b}: &{b} [{','.join(['*' + a] * 9)}]\n" for a, b in pairwise("abcdefghi")) + text,
+    lambda text, rng: text * 200,
+)  # fmt: skip
+
+
+def _number(text, rng, value):
+    places = list(re.finditer(r"(?<=[:\[ ])[0-9.]+", text))
+    place = rng.choice(places)
+    return text[: place.start()] + value + text[place.end() :]
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(3000, marks=pytest.mark.slow)])
+def test_spoiled_files_are_refused_and_leave_nothing(tmp_path, monkeypatch, count):
+    """Tabs, numbers beyond all measure, repeated and torn lines, anchors, tags, wrong encodings, bytes put in."""
+    monkeypatch.chdir(tmp_path)
+    texts = [path.read_text(encoding="utf-8") for path in sorted(CONFIGS.glob("track_1*.yaml"))]
+    rng = random.Random(2)
+    refused = 0
+    for number in range(count):
+        text = SPOILED[number % len(SPOILED)](rng.choice(texts), rng)
+        data = bytearray(text.encode(rng.choice(("utf-8", "utf-8", "utf-8", "utf-16", "latin-1")), "replace"))
+        if rng.random() < 0.2:
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        Path("scene.yaml").write_bytes(data)
+        lines = refusal("scene.yaml")
+        refused += bool(lines)
+        assert all(line.startswith(("scene.yaml", "... and ")) for line in lines), lines
+        assert os.listdir() == ["scene.yaml"]
+    assert refused > 0.7 * count  # a number may be another, a line may be cut off at its comment
+
+
+def one_letter_slips(key, rng):
+    """A letter left out, put in, mistaken, and two exchanged."""
+    at, letter = rng.randrange(len(key)), rng.choice(string.ascii_lowercase)
+    yield key[:at] + key[at + 1 :]
+    yield key[:at] + letter + key[at:]
+    yield key[:at] + letter + key[at + 1 :]
+    at = rng.randrange(max(1, len(key) - 1))
+    yield key[:at] + key[at + 1 : at + 2] + key[at] + key[at + 2 :]
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.slow)])
+def test_a_slip_of_one_letter_is_guessed_and_its_line_is_right(tmp_path, count):
+    """In keys of shipped scenes as they are and with every default spelled out; names of materials are no keys."""
+    rng = random.Random(4)
+    shipped = [CONFIGS / f"{name}.yaml" for name in ("track_150W", "spot_weld_3ms", "droplet_thermal_cycle")]
+    texts = [path.read_text(encoding="utf-8") for path in shipped]
+    texts += [load_config(path).resolved_text for path in shipped]
+    places = [
+        (text, number, found)
+        for text in texts
+        for number, line in enumerate(text.split("\n"))
+        for found in re.finditer(r"(?:(?<=^)|(?<=[\s{,]))([a-z_]{2,})(?=:)", line.split("#")[0])
+        if found[1] not in ("fluid", "weld_steel")
+    ]
+    done = guessed = 0
+    for text, number, found in (rng.choice(places) for _ in range(count)):
+        for slip in one_letter_slips(found[1], rng):
+            if slip == found[1]:
+                continue
+            lines = text.split("\n")
+            lines[number] = lines[number][: found.start(1)] + slip + lines[number][found.end(1) :]
+            (tmp_path / "scene.yaml").write_text("\n".join(lines), encoding="utf-8")
+            here = [said for said in refusal(tmp_path / "scene.yaml") if f"scene.yaml:{number + 1}: " in said]
+            assert here, (slip, found[1])
+            done += 1
+            guessed += any(f"Did you mean '{found[1]}'" in said for said in here)
+            break
+    assert guessed > 0.95 * done
 
 
 def refusal(path):

@@ -179,8 +179,9 @@ def test_checkpoints_by_steps(tmp_path, console, fake, monkeypatch):
 
 
 def test_checkpoints_by_wall_clock(tmp_path, console, fake, monkeypatch):
-    found = saved(tmp_path, console, monkeypatch, checkpoint_interval=1.0, checkpoint_wall=1e-9)
-    assert len(found) >= 10  # whenever the run pauses
+    found = saved(tmp_path, console, monkeypatch, checkpoint_interval=1.0, history_interval=1.0,
+                  snapshot_interval=1.0, checkpoint_wall=1e-9)  # fmt: skip
+    assert found == [*range(0, 1001, 100)]  # whenever the run pauses
 
 
 def test_the_wall_limit_counts_from_the_start_of_the_process(tmp_path, console, fake, monkeypatch):
@@ -199,3 +200,14 @@ def test_names_with_spaces_and_umlauts(tmp_path, console, fake, monkeypatch):
     driver.resume(folder.path, console=console)
     assert len(read_series(folder.series)) == 41
     assert all(path.is_file() for _, path in read_series(folder.series))
+
+
+def test_a_scene_that_memory_cannot_hold_is_refused_before_it_is_begun(tmp_path, console, fake, monkeypatch):
+    """Built, it would be killed by the system, without a word."""
+    monkeypatch.setattr(driver, "available_memory", lambda: 24e9)
+    too_fine = fake_run.config(spacing=0.01e-6, length=200e-6)  # 2e8 particles at 300 bytes and more
+    with pytest.raises(StorageError, match=r"about \d+ GB needed, 24 GB free") as caught:
+        run(tmp_path, console, too_fine)
+    assert caught.value.exit_code == 4
+    assert not (tmp_path / "run").exists()
+    run(tmp_path, console)

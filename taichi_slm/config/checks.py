@@ -351,7 +351,12 @@ def _materials(config: Config, findings: _Findings) -> None:
             sentence = f"there is no material '{entry.extends}': there are {', '.join(known)}"
             findings.error(("materials", name, "extends"), sentence, closest(entry.extends, known))
         elif name not in extended:
-            findings.warn(("materials", name), "no body is made of this material")
+            try:
+                resolve(name, config.materials)
+            except ConfigError as error:
+                findings.error(("materials", name), str(error))
+            else:
+                findings.warn(("materials", name), "no body is made of this material")
 
 
 def _names_used(config: Config) -> Iterator[tuple[Path, str, bool]]:

@@ -152,7 +152,9 @@ def _unknown_key(place: Place) -> Problem:
     keys = [*(place.model.model_fields if place.model else ()), *(FILE_KEYS if place.model is Config else ())]
     if key == "<<":
         return Problem(place.node.where, place.path, "merge keys are not read; write 'extends: other.yaml'")
-    meant = closest(key, [each for each in keys if each not in given]) or closest(key, keys)
+    meant = closest(key, keys)  # a section of a base file is given already, and misspelt all the same
+    if meant in given and (absent := closest(key, [each for each in keys if each not in given], 0.75)):
+        meant = absent
     if meant is None and key in _homes():
         homes = [home for home in _homes()[key] if home != ".".join(map(str, place.path))]
         meant = homes[0] if homes else None
@@ -202,10 +204,10 @@ def _homes() -> dict[str, list[str]]:
     return found
 
 
-def closest(word: str, choices: Iterable[str]) -> str | None:
-    """The choice that ``word`` was probably meant to be."""
+def closest(word: str, choices: Iterable[str], likeness: float = 0.6) -> str | None:
+    """The choice that ``word`` was probably meant to be; ``likeness``: difflib's ratio that it has at least."""
     by_form = {choice.lower().replace("-", "_"): choice for choice in choices}
-    found = difflib.get_close_matches(word[:80].lower().replace("-", "_"), by_form, n=1, cutoff=0.6)
+    found = difflib.get_close_matches(word[:80].lower().replace("-", "_"), by_form, n=1, cutoff=likeness)
     return by_form[found[0]] if found else None
 
 

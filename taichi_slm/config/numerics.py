@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from taichi_slm.config.material import Frozen
-from taichi_slm.config.units import NonNegativeNumber, PositiveNumber, PositiveSpeed, PositiveTime
+from taichi_slm.config.units import NO_SWITCH, NonNegativeNumber, PositiveNumber, PositiveSpeed, PositiveTime
 
 
 class Physics(Frozen):
@@ -100,18 +100,20 @@ class Numerics(Frozen):
         "renormalised", description="gamma: (26), sign mended"
     )
     surface_times_liquid: bool = Field(True, description="surface forces times the liquid fraction")
-    surface_every: Annotated[int, Field(ge=1, le=4)] = Field(2, description="steps between surface forces")
+    surface_every: Annotated[int, Field(ge=1, le=4), NO_SWITCH] = Field(
+        2, description="steps between surface forces"
+    )
     latent_heat: Literal["enthalpy", "apparent"] = Field(
         "enthalpy", description="apparent: heat capacity method (39)"
     )
     heat_scheme: Literal["rkl2", "heun", "euler", "trapezoid"] = Field(
         "rkl2", description="rkl2: Runge-Kutta-Legendre, explicit; trapezoid: fixed point of Algorithm 1"
     )
-    heat_stages: Annotated[int, Field(ge=3, le=31)] = Field(
+    heat_stages: Annotated[int, Field(ge=3, le=31), NO_SWITCH] = Field(
         5, description="of rkl2, at most; its stable step grows as their square"
     )
     fixed_point_tolerance: PositiveNumber = Field(1e-8, description="of the trapezoid, relative")
-    fixed_point_sweeps: Annotated[int, Field(ge=1)] = Field(
+    fixed_point_sweeps: Annotated[int, Field(ge=1), NO_SWITCH] = Field(
         10, description="largest number of sweeps of the trapezoid"
     )
     conduction: Literal["kirchhoff", "harmonic"] = Field("kirchhoff", description="harmonic: (38)")
@@ -129,7 +131,7 @@ class Numerics(Frozen):
     solid_density: Literal["solidus", "true"] = Field(
         "solidus", description="mechanical density of the solid"
     )
-    minimum_neighbours: Annotated[int, Field(ge=0)] | None = Field(
+    minimum_neighbours: Annotated[int, Field(ge=0), NO_SWITCH] | None = Field(
         None,
         description="a mobile particle with fewer neighbours within 2h is ejected: removed and counted; "
         "default 3 (2-D), 6 (3-D); 0: never",
@@ -148,7 +150,7 @@ class Performance(Frozen):
     skip_interior: bool = Field(True, description="surface passes only near the surface")
     skip_dark: bool = Field(True, description="laser bins only under the beam, and only while it is on")
     heat_clock: bool = Field(True, description="heat on its own, longer step")
-    heat_steps_at_most: Annotated[int, Field(ge=1, le=100)] = Field(
+    heat_steps_at_most: Annotated[int, Field(ge=1, le=100), NO_SWITCH] = Field(
         10,
         description="flow steps per heat step, at most; at 18 the lagging Marangoni force widens a weld by 12 %",
     )
@@ -158,7 +160,7 @@ class Performance(Frozen):
     )
     keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
-    serial_below: Annotated[int, Field(ge=0)] = Field(
+    serial_below: Annotated[int, Field(ge=0), NO_SWITCH] = Field(
         1000,
         description="loops over the neighbours of fewer particles run on one thread, plain ones of ten times as many",
     )

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from taichi_slm.config.material import Frozen, MaterialOverride
 from taichi_slm.config.numerics import Numerics, Performance, Physics
 from taichi_slm.config.units import (
+    NO_SWITCH,
     Acceleration,
     Fraction,
     Frequency,
@@ -67,7 +68,7 @@ class Body(Frozen):
         None, description="initial velocity [m/s]"
     )
     program: Program | None = Field(None, description="imposed temperature history")
-    tracer: Annotated[int, Field(ge=0)] = Field(0, description="tracer group")
+    tracer: Annotated[int, Field(ge=0), NO_SWITCH] = Field(0, description="tracer group")
 
 
 class Plate(Body):
@@ -78,7 +79,7 @@ class Plate(Body):
     length: PositiveLength
     width: PositiveLength | None = Field(None, description="extent in y, centred on y = 0 (3-D) [m]")
     depth: PositiveLength
-    cold_layers: Annotated[int, Field(ge=0)] = Field(
+    cold_layers: Annotated[int, Field(ge=0), NO_SWITCH] = Field(
         3, description="layers of held temperature at the bottom"
     )
 
@@ -90,11 +91,13 @@ class PowderRow(Body):
     start: Length = Field(0.0, description="x of the left edge of the first grain [m]")
     length: PositiveLength
     radius: PositiveLength
-    rows: Annotated[int, Field(ge=1)] = Field(1, description="parallel rows in y, centred on y = 0 (3-D)")
+    rows: Annotated[int, Field(ge=1), NO_SWITCH] = Field(
+        1, description="parallel rows in y, centred on y = 0 (3-D)"
+    )
     materials: list[str] | None = Field(
         None, description="grain materials, cycled along the row; replaces `material`"
     )
-    tracers: list[Annotated[int, Field(ge=0)]] | None = Field(
+    tracers: list[Annotated[int, Field(ge=0), NO_SWITCH]] | None = Field(
         None, description="tracer groups, cycled along the row"
     )
 
@@ -148,7 +151,7 @@ class Container(Body):
     shape: Literal["container"]
     corner: Vector = Field(description="lowest inner corner [m]")
     size: Annotated[list[PositiveLength], Field(min_length=2, max_length=3)]
-    layers: Annotated[int, Field(ge=1)] = 3
+    layers: Annotated[int, Field(ge=1), NO_SWITCH] = 3
 
 
 AnyBody = Annotated[Plate | PowderRow | PowderBed | Droplet | Box | Container, Field(discriminator="shape")]
@@ -226,7 +229,9 @@ class Laser(Frozen):
     path: Annotated[
         list[Annotated[Move | Dwell, Field(discriminator="kind")]], Field(min_length=1, max_length=10000)
     ]
-    passes: Annotated[int, Field(ge=1, le=10000)] = Field(1, description="times the whole path is run")
+    passes: Annotated[int, Field(ge=1, le=10000), NO_SWITCH] = Field(
+        1, description="times the whole path is run"
+    )
     pulse: Pulse | None = None
 
 
@@ -262,7 +267,7 @@ class Output(Frozen):
     history_interval: PositiveTime | None = Field(None, description="default: end / 400")
     snapshot_interval: PositiveTime | None = Field(None, description="default: end / 40")
     checkpoint_interval: PositiveTime | None = Field(None, description="default: end / 10")
-    checkpoint_steps: Annotated[int, Field(ge=1)] | None = Field(
+    checkpoint_steps: Annotated[int, Field(ge=1), NO_SWITCH] | None = Field(
         None, description="a checkpoint after this many flow steps, too"
     )
     checkpoint_wall: PositiveTime = Field(
@@ -273,7 +278,7 @@ class Output(Frozen):
         description="kinds of pictures; in 3-D only: cut (the section y = 0), isosurface (of the melting "
         "temperature) and streamlines (of the melt)",
     )
-    images_at_most: Annotated[int, Field(ge=0)] = Field(
+    images_at_most: Annotated[int, Field(ge=0), NO_SWITCH] = Field(
         12, description="snapshots that become pictures at the end of a run"
     )
     temperature_range: tuple[Temperature, Temperature] | None = Field(
@@ -287,7 +292,7 @@ class Config(Frozen):
     title: str = ""
     dimension: Literal[2, 3]
     spacing: PositiveLength = Field(description="dx: initial particle spacing [m]")
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**31), NO_SWITCH] = 0
     ambient_temperature: Temperature = 293.0
     gravity: Acceleration = Field(0.0, description="downwards [m/s^2]")
     materials: dict[str, MaterialOverride] = Field(default_factory=dict)

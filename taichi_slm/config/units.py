@@ -38,6 +38,16 @@ def _expected(unit: str) -> str:
     return f"expected a number or a string with a unit such as '1 {unit}'" if unit else "expected a number"
 
 
+def _no_switch(value: Any) -> Any:
+    if isinstance(value, bool):  # pydantic reads `true` as 1
+        raise ValueError("expected a whole number")
+    return value
+
+
+NO_SWITCH = BeforeValidator(_no_switch)
+"""Of a whole number, behind its bounds: `true` is none."""
+
+
 def to_si(value: Any, unit: str) -> float:
     """Return ``value`` in ``unit`` (an SI unit, e.g. "m").
 

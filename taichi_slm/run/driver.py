@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from taichi_slm.config.extent import particles_about
 from taichi_slm.config.load import LoadedConfig
 from taichi_slm.config.schema import Config
 from taichi_slm.errors import (
@@ -24,6 +25,7 @@ from taichi_slm.output.atomic import read_json, sweep, write_json
 from taichi_slm.output.lock import alone
 from taichi_slm.output.numbers import quantity
 from taichi_slm.run.checkpoint import Checkpoint, examine, latest_good
+from taichi_slm.run.estimate import available_memory, memory_bytes, size_text
 from taichi_slm.run.progress import Progress, clock
 from taichi_slm.run.recorder import Recorder
 from taichi_slm.run.run_folder import (
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 RENDER_SECONDS = 1800
+MEMORY_MARGIN = 1.5  # an estimate of needed memory may be too high by so much, and the system may have a swap
 GL_PACKAGES = "libgl1 libegl1"
 
 
@@ -53,6 +56,7 @@ def execute(
     """Run ``loaded`` in a new folder (``out``, or runs/NAME-UTCSTAMP/) and return the folder."""
     began = time.perf_counter()
     console = console or Console()
+    _room(loaded.config)
     folder = RunFolder.create(loaded, out)
     with alone(folder.path):
         with StopRequests(folder) as requests:
@@ -106,6 +110,17 @@ def resume(path: Path, threads: int | None = None, console: Console | None = Non
             _say(console, f"resume {path} from step {step:,}, {quantity(moment, 's')}")
             recorder = _march(sim, folder, console, began, checkpoint, requests)
         return _conclude(recorder, console, threads)
+
+
+def _room(config: Config) -> None:
+    """Refuse what this machine cannot hold before it is begun: a system out of memory kills, and says nothing."""
+    needed = memory_bytes(config, round(particles_about(config)))
+    free = available_memory()
+    if free is not None and needed > MEMORY_MARGIN * free:
+        raise StorageError(
+            f"not enough memory for this scene: about {size_text(needed)} needed, {size_text(free)} free on this "
+            "machine; use a larger spacing or a smaller scene"
+        )
 
 
 def _build(config: Config, arch: str, precision: str, threads: int | None) -> "Simulation":

@@ -54,7 +54,7 @@ class Estimate:
                 "particles",
                 f"{exact}{self.particles:,} ({self.dimension}-D, spacing {quantity(self.spacing, 'm')})",
             ),
-            ("memory", _bytes(self.memory)),
+            ("memory", size_text(self.memory)),
             *(
                 (f"step {name}", f"{quantity(limit, 's')}{self._mark(name)}")
                 for name, limit in self.limits.items()
@@ -64,7 +64,7 @@ class Estimate:
             rows.append((f"step {self.limiter}", f"{quantity(self.step, 's')}{self._mark(self.limiter)}"))
         rows += [
             ("steps", f"at most {self.steps:,} to {quantity(self.end, 's')}"),
-            ("output", f"{_bytes(self.output)} ({self.snapshots:,} snapshots)"),
+            ("output", f"{size_text(self.output)} ({self.snapshots:,} snapshots)"),
         ]
         if self.line_energy is not None:
             rows.append(("line energy", f"P/v = {self.line_energy:,.4g} J/m"))
@@ -251,13 +251,13 @@ def _shortages(memory: float, output: float) -> list[str]:
     short = []
     available = available_memory()
     if available is not None and memory > available:
-        short.append(f"memory: about {_bytes(memory)} needed, {_bytes(available)} free on this machine")
+        short.append(f"memory: about {size_text(memory)} needed, {size_text(available)} free on this machine")
     try:
         free = shutil.disk_usage(Path.cwd()).free
     except OSError:
         return short
     if output > free:
-        short.append(f"disk: about {_bytes(output)} needed, {_bytes(free)} free here")
+        short.append(f"disk: about {size_text(output)} needed, {size_text(free)} free here")
     return short
 
 
@@ -276,7 +276,8 @@ def available_memory() -> float | None:
         return None
 
 
-def _bytes(size: float) -> str:
+def size_text(size: float) -> str:
+    """``size`` [bytes] as a person reads it."""
     for unit, factor in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if size >= factor:
             return f"{size / factor:,.3g} {unit}"
