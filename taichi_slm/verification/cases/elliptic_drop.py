@@ -39,8 +39,8 @@ def semi_axes() -> np.ndarray:
     return np.asarray(way.y[:2])
 
 
-def stretch(resolution: int, arrangement: str = "rings", **numerics: object) -> dict[str, np.ndarray]:
-    """Semi-axes [m] and energies over the kinetic energy of the start, at TIMES; NaN after a blow-up."""
+def start(resolution: int, arrangement: str = "rings", **numerics: object) -> Simulation:
+    """The drop at time zero, its velocity and pressure loaded; ``resolution`` is R/dx."""
     config = configure(
         spacing=RADIUS / resolution, materials={"liquid": liquid(density=RHO, viscosity=0.0)},
         bodies=[{"shape": "droplet", "centre": [0, 0], "radius": RADIUS, "material": "liquid",
@@ -54,6 +54,18 @@ def stretch(resolution: int, arrangement: str = "rings", **numerics: object) -> 
     pressure = 0.5 * RHO * STRAIN**2 * (RADIUS**2 - np.sum(x**2, axis=1))
     density = RHO + pressure / SOUND**2
     sim.state.load(velocity=STRAIN * x * [-1.0, 1.0], density=density, volume=mass / density)
+    return sim
+
+
+def measured_axes(position: np.ndarray) -> np.ndarray:
+    """Semi-axes a and b [m] of particles that fill an ellipse evenly; ``position`` [m], shape [n, 2]."""
+    return np.asarray(2.0 * np.sqrt(np.mean(position**2, axis=0)))
+
+
+def stretch(resolution: int, arrangement: str = "rings", **numerics: object) -> dict[str, np.ndarray]:
+    """Semi-axes [m] and energies over the kinetic energy of the start, at TIMES; NaN after a blow-up."""
+    sim = start(resolution, arrangement, **numerics)
+    mass = sim.state.array("mass")
     rows: list[list[float]] = []
     for t in TIMES:
         try:
@@ -65,7 +77,7 @@ def stretch(resolution: int, arrangement: str = "rings", **numerics: object) -> 
         density = sim.state.array("density")
         kinetic = 0.5 * np.sum(mass * np.sum(sim.velocity**2, axis=1))
         elastic = 0.5 * SOUND**2 * np.sum(mass * ((density - RHO) / density) ** 2)
-        rows.append([*(2.0 * np.sqrt(np.mean(sim.position**2, axis=0))), kinetic, elastic])
+        rows.append([*measured_axes(sim.position), kinetic, elastic])
     a, b, kinetic, elastic = np.array(rows).T
     return {"a": a, "b": b, "kinetic": kinetic / kinetic[0], "total": (kinetic + elastic) / kinetic[0]}
 
