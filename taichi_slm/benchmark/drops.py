@@ -84,7 +84,9 @@ def square_error(jumps: list[float]) -> dict[str, float]:
     return {"mean jump": float(off.mean()), "error": float(np.sqrt(np.mean(off**2)))}
 
 
-def for_pysph(drop: str, level: int, arrangement: str, end: float, delta_sph: bool) -> dict[str, Any]:
+def for_pysph(
+    drop: str, level: int, arrangement: str, end: float, alpha: float, delta_sph: bool
+) -> dict[str, Any]:
     """The job for pysph_drop.py: the particles of :func:`started`, in the square's case with surroundings."""
     sim = started(drop, level, arrangement, end)
     job: dict[str, Any] = {"drop": drop, "spacing": 1.0 / level, "end": sim.config.time.end}
@@ -94,7 +96,7 @@ def for_pysph(drop: str, level: int, arrangement: str, end: float, delta_sph: bo
         }
         fastest = elliptic_drop.STRAIN * elliptic_drop.RADIUS
         return job | arrays | {"rest_density": elliptic_drop.RHO, "sound_speed": elliptic_drop.SOUND,
-                               "fastest": fastest, "delta_sph": delta_sph}  # fmt: skip
+                               "fastest": fastest, "alpha": alpha, "delta_sph": delta_sph}  # fmt: skip
     position, colour = with_surroundings(sim.position, level)
     return job | {
         "position": position.tolist(), "colour": colour.tolist(), "box": BOX, "rest_density": RHO,

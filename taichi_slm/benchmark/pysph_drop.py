@@ -31,7 +31,8 @@ def elliptic(job: dict[str, Any]) -> dict[str, Any]:
     """Monaghan's drop: the WCSPH scheme with the settings of PySPH's example, plain or with its delta-SPH terms.
 
     The job: position [n, 2], mass [n], density [n], velocity [n, 2], spacing, rest_density, sound_speed, fastest,
-    delta_sph, end. The result: seconds, steps, position [n, 2] at the end.
+    alpha (of the artificial viscosity; the example has 0.1), delta_sph, end. The result:
+    seconds, steps, position [n, 2] at the end.
     """
     from pysph.base.kernels import Gaussian
     from pysph.base.utils import get_particle_array
@@ -47,7 +48,7 @@ def elliptic(job: dict[str, Any]) -> dict[str, Any]:
         def create_scheme(self) -> Any:
             scheme = WCSPHScheme(
                 ["fluid"], [], dim=2, rho0=job["rest_density"], c0=job["sound_speed"], h0=h, hdx=H_OVER_DX,
-                gamma=7.0, alpha=0.1, beta=0.0, delta=0.1, delta_sph=job["delta_sph"],
+                gamma=7.0, alpha=job["alpha"], beta=0.0, delta=0.1, delta_sph=job["delta_sph"],
             )  # fmt: skip
             scheme.configure_solver(
                 kernel=Gaussian(dim=2), integrator_cls=EPECIntegrator, tf=job["end"], adaptive_timestep=True,
