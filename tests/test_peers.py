@@ -159,6 +159,11 @@ def test_time_to_an_error_is_that_of_the_coarsest_from_which_on_all_are_good():
     assert row["error of the next coarser"] == 0.09
     assert row["time to an equal or smaller error"] == 10.0  # in either turn that both had
     assert peers.to_error([lucky, bad, theirs])[0]["taichi-slm"] == "none that was run"
+    worse = one(THEIRS, 40, 0.1, 400.0, particles=1600)
+    assert (
+        peers.to_error([*measured, worse])[0]["it holds"] == 0.1
+    )  # theirs was near by chance: the same rule
+    assert peers.to_error([*measured, worse])[0]["its error"] == 0.01
     (same,) = peers.steps(measured)
     assert same["time of a step"] == 30.0  # 40 over 2 and 80 over 2
     assert same["time per particle and step"] == 7.5
