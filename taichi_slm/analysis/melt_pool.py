@@ -16,14 +16,22 @@ REACH = 1.5
 class MeltPool:
     """The largest connected group of liquid particles; lengths in m, all 0 where nothing is liquid."""
 
-    length: float = 0.0  # extent along x [m]
-    width: float | None = None  # extent along y [m]; None in 2-D
-    depth: float = 0.0  # of its lowest point below the original surface [m]
+    length: float = 0.0
+    """Extent along x [m]."""
+    width: float | None = None
+    """Extent along y [m]; None in 2-D."""
+    depth: float = 0.0
+    """Of its lowest point below the original surface [m]."""
     particles: int = 0
-    spatter: int = 0  # liquid particles of all smaller groups
+    """Liquid particles of the pool."""
+    spatter: int = 0
+    """Liquid particles of all smaller groups."""
     groups: int = 0
-    x_range: tuple[float, float] = (math.nan, math.nan)  # [m]
-    lowest: float = math.nan  # height of its lowest point [m]
+    """Groups of liquid particles, the pool included."""
+    x_range: tuple[float, float] = (math.nan, math.nan)
+    """Least and greatest x [m]; NaN where nothing is liquid."""
+    lowest: float = math.nan
+    """Height of its lowest point [m]."""
 
 
 def measure(
@@ -115,14 +123,23 @@ class Track:
     """What was melted and is solid again; a particle fills its cell, so lengths include half a spacing."""
 
     length_m: float = 0.0
-    width_m: float | None = None  # None in 2-D
-    depth_m: float = 0.0  # below the plate's surface
-    mean_height_m: float = 0.0  # of its upper edge over the plate's surface
-    roughness_m: float = 0.0  # standard deviation of that edge along the track
+    """Extent along x [m]."""
+    width_m: float | None = None
+    """Extent along y [m]; None in 2-D."""
+    depth_m: float = 0.0
+    """Of its lowest point below the plate's surface [m]."""
+    mean_height_m: float = 0.0
+    """Of its upper edge over the plate's surface [m]."""
+    roughness_m: float = 0.0
+    """Standard deviation of that edge along the track [m]."""
     particles: int = 0
-    unmelted_powder: int = 0  # particles above the plate's surface that never melted
-    pieces: int = 0  # connected groups of solid particles, crumbs left out; 1: powder and plate are one
+    """Those of the track."""
+    unmelted_powder: int = 0
+    """Particles above the plate's surface that never melted."""
+    pieces: int = 0
+    """Connected groups of solid particles, crumbs left out; 1: powder and plate are one."""
     still_liquid: int = 0
+    """Particles that are not solid yet."""
 
     def as_dict(self) -> dict[str, float | int | None]:
         """The fields by name, for summary.json."""

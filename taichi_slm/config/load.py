@@ -38,11 +38,17 @@ class LoadedConfig:
     """A config and where it came from."""
 
     config: Config
-    text: str  # the file as given; of a mapping, its JSON
-    resolved: dict[str, Any]  # every key with its value, SI
+    """The scene, validated and frozen; `Simulation` takes it."""
+    text: str
+    """The file as given; of a mapping, its JSON."""
+    resolved: dict[str, Any]
+    """Every key with its value, in SI."""
     path: Path
-    warnings: tuple[str, ...] = ()  # what is allowed but probably not meant
-    bases: tuple[Path, ...] = ()  # the files it extends, nearest first
+    """Where it was read."""
+    warnings: tuple[str, ...] = ()
+    """What is allowed but probably not meant."""
+    bases: tuple[Path, ...] = ()
+    """The files it extends, nearest first."""
 
     @property
     def resolved_text(self) -> str:

@@ -43,17 +43,25 @@ class Snapshot:
     """Particles at one moment.
 
     ``arrays`` holds ``position`` [m], shape [n, dimension], ``velocity`` [m/s] of the same shape, and one
-    value per particle of every other name in :data:`UNITS`.
+    value per particle of every other name in ``units``.
     """
 
     arrays: dict[str, np.ndarray]
-    time: float  # [s]
+    """By name; see above."""
+    time: float
+    """Simulated time [s]."""
     step: int
+    """Number of the heat step."""
     dimension: int
-    spacing: float  # dx [m]
+    """2 or 3."""
+    spacing: float
+    """dx [m]."""
     git: str = ""
+    """Commit of the program that made it."""
     version: str = ""
+    """Version of that program."""
     units: dict[str, str] = field(default_factory=lambda: dict(UNITS))
+    """SI unit of each array; "1" of a share."""
 
     @property
     def count(self) -> int:

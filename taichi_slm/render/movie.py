@@ -21,7 +21,7 @@ GIF_COLOURS = 192
 def film_run(folder: Path, images: Sequence[str] | None = None, gif: bool = False) -> list[Path]:
     """Film the run in ``folder`` into renders/KIND.mp4, or .gif; ``images`` replaces output.images. Returns the files.
 
-    A ``gif`` is as wide as :data:`GIF_BYTES` lets it be; the narrowest is written whatever its size.
+    A ``gif`` is as wide as 2 MB let it be; the narrowest is written whatever its size.
     """
     config, kinds, series = open_run(folder, images)
     snapshots = [read_snapshot(path) for path in series]
@@ -83,7 +83,7 @@ class _Gif:
 
 
 def fitting(frames: list[Any]) -> bytes:
-    """``frames``, PIL images in RGB of one size, as a GIF as wide as :data:`GIF_BYTES` lets it be."""
+    """``frames``, PIL images in RGB of one size, as a GIF as wide as GIF_BYTES lets it be."""
     for width in GIF_WIDTHS:
         data = animation([_narrowed(frame, width) for frame in frames])
         if len(data) <= GIF_BYTES:

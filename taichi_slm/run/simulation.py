@@ -38,6 +38,8 @@ class Simulation:
 
     One per process at a time: building one resets Taichi, and an earlier one's fields are gone.
     ``temperature``, ``position``, ``velocity`` ... are numpy copies of all particles, removed ones included.
+    ``scene``: particles of one's own instead of those that the config describes; ``arch``: cpu, cuda, vulkan or metal;
+    ``precision``: f64 or f32; ``threads``: of the CPU, by default all; ``debug``: indices are checked, slowly.
     """
 
     def __init__(self, config: Config, scene: Scene | None = None, arch: str = "cpu", precision: str = "f64",
