@@ -14,7 +14,14 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 from taichi_slm.errors import StorageError
 from taichi_slm.output import atomic
 from taichi_slm.output.history import COLUMNS, History, keep_until, read_history
-from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, write_series, write_snapshot
+from taichi_slm.output.snapshots import (
+    UNITS,
+    Snapshot,
+    read_series,
+    read_snapshot,
+    write_series,
+    write_snapshot,
+)
 
 
 def snapshot(dimension: int = 2, count: int = 2000) -> Snapshot:
@@ -252,3 +259,10 @@ def test_history_of_nothing(tmp_path):
         read_history(tmp_path / "history.csv")
     with pytest.raises(StorageError, match="cannot"):
         History(tmp_path / "gone" / "history.csv")
+
+
+def test_every_array_of_a_snapshot_has_its_unit():
+    """ParaView and `export` show what stands beside an array; a new one must not come without."""
+    from taichi_slm.run.simulation import SNAPSHOT_ARRAYS
+
+    assert set(SNAPSHOT_ARRAYS) <= set(UNITS)

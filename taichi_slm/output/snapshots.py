@@ -27,6 +27,7 @@ UNITS = {
     "liquid_fraction": "1",
     "density": "kg/m^3",
     "pressure": "Pa",
+    "surface_force": "N/m^3",
     "material": "index",
     "tracer": "index",
     "id": "index",
