@@ -212,4 +212,4 @@ def _plot(findings: Findings, name: str, title: str, rows: list[dict[str, Any]])
 
     styles = {"f64": "line", "f32": "dashed", "quadrants": "dashed"} | dict.fromkeys(_MARKED, "points")
     curves = [curve(settings, style) for settings, style in styles.items()]
-    findings.plot(f"accuracy_{name}", title, "seconds", "error", curves)
+    findings.plot(f"accuracy_{name}", title, "run time of the steps [s]", "relative error [1]", curves)
