@@ -58,7 +58,7 @@ def melt(
     switches: dict[str, Any], flow: bool, quick: bool, numerics: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """A track with ``switches`` of performance, and ``numerics``, changed: its time and its result."""
-    changes = {"performance": switches, "numerics": numerics or {},
+    changes: dict[str, Any] = {"performance": switches, "numerics": numerics or {},
                "physics": {"flow": flow, **({} if flow else {"radiation": False})}}  # fmt: skip
     config = track(3 if quick else 6, plate=2.0, duration=30e-6 if quick else 100e-6, **changes)
     sim = Simulation(config, threads=1)
