@@ -32,14 +32,15 @@ def measured(height, kept=EVERYWHERE):
 
 def test_roughness_of_a_sine():
     """Ra = 2 A/pi, Rq = A/sqrt(2), Rz = 2 A, and so the primary profile: of a wave of a sixtieth of the cut-off the
-    filter keeps all; 300 of 1000 points: the sums are exact to (pi/1000)^2."""
-    A, x = 7.0 * UM, (np.arange(500_000) + 0.5) / 1000
-    found = measured(50 * UM + A * np.sin(2 * np.pi * x), slice(100_000, 400_000))
+    filter keeps all; 300 of 200 points: the sums are exact to (pi/200)^2/6, the highest
+    of them to (pi/200)^2/2."""
+    A, x = 7.0 * UM, (np.arange(100_000) + 0.5) / 200
+    found = measured(50 * UM + A * np.sin(2 * np.pi * x), slice(20_000, 80_000))
     for kind in "RP":
-        assert found[f"{kind}a_m"] == pytest.approx(2 * A / np.pi, rel=1e-5)
-        assert found[f"{kind}q_m"] == pytest.approx(A / np.sqrt(2), rel=1e-5)
-    assert found["Rz_m"] == pytest.approx(2 * A, rel=1e-5)
-    assert found["Pt_m"] == pytest.approx(2 * A, rel=1e-5)
+        assert found[f"{kind}a_m"] == pytest.approx(2 * A / np.pi, rel=1e-4)
+        assert found[f"{kind}q_m"] == pytest.approx(A / np.sqrt(2), rel=1e-4)
+    assert found["Rz_m"] == pytest.approx(2 * A, rel=2e-4)
+    assert found["Pt_m"] == pytest.approx(2 * A, rel=2e-4)
 
 
 @pytest.mark.parametrize("cutoffs", [0.5, 1.0, 2.0])

@@ -174,7 +174,18 @@ def run_yaml(place: Path, block: Block) -> None:
         load_config(path)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page != TERM], ids=lambda page: page.name)
+SLOW_PAGES = {"analysis.md"}  # half a minute
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.slow) if page.name in SLOW_PAGES else page
+        for page in PAGES
+        if page != TERM
+    ],
+    ids=lambda page: page.name,
+)
 def test_a_page_does_what_it_prints(page, place):
     for block in blocks(page):
         if block.language == "sh" and not for_a_cluster(block):

@@ -75,6 +75,7 @@ def test_a_wrong_answer_is_a_sentence(fake, lines, sentence):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_without_pysph_ours_is_measured_alone(monkeypatch):
     """Every table says what is missing; the errors of ours are within limits."""
 

@@ -64,7 +64,7 @@ def of(draw, model, given, likely=0.3):
 
 @st.composite
 def scenes(draw, complete=False) -> dict[str, Any]:
-    """A scene; ``complete``: with every key of every section that it has."""
+    """A scene; ``complete``: with every shape of body, and every key of every section."""
 
     def part(model, given, likely=0.3):
         return of(model, given, 1.0 if complete else likely)
@@ -110,8 +110,11 @@ def scenes(draw, complete=False) -> dict[str, Any]:
         some(kind)
         for kind in (schema.PowderRow, schema.PowderBed, schema.Droplet, schema.Box, schema.Container)
     ]
-    bodies = [draw(plate)] if draw(st.integers(0, 9)) else []
-    bodies += draw(st.lists(st.one_of(others), min_size=not bodies, max_size=2 if d == 2 else 1))
+    if complete:  # one of every shape: hypothesis may leave one out of forty draws
+        bodies = [draw(each) for each in (plate, *others)]
+    else:
+        bodies = [draw(plate)] if draw(st.integers(0, 9)) else []
+        bodies += draw(st.lists(st.one_of(others), min_size=not bodies, max_size=2 if d == 2 else 1))
     spot = st.lists(size(-1, long), min_size=1, max_size=1).map(lambda x: x + [0.0] * (d - 2))
     fraction = {"power_fraction": real(0, 2)}
     move = part(schema.Move, {"start": spot, "end": spot, "speed": log(0.1, 100), **fraction})
