@@ -27,7 +27,8 @@ DRAWN: set[tuple[str, str]] = set()  # (model, key), to see that none is forgott
 
 def real(low, high):
     """Without the 1e-300 that hypothesis loves: that is refused at reading, and the fuzz tests ask for it."""
-    return st.floats(low, high).map(lambda x: round(x, 3))
+    # Taichi switches subnormal numbers off in its process, and hypothesis refuses to draw any then
+    return st.floats(low, high, allow_subnormal=False).map(lambda x: round(x, 3))
 
 
 def log(low, high):

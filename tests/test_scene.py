@@ -38,6 +38,14 @@ def nearest(built):
 # --------------------------------------------------------------------------- lattice bodies
 
 
+def test_a_droplet_without_a_program_has_no_density_to_follow():
+    """It is warned of, and starts at rest; it ended in a KeyError."""
+    drop = {"shape": "droplet", "centre": [0, 0], "radius": 40e-6, "follow_density": True}
+    program = {"program": {"kind": "ramp", "points": [[0, 2000], [1e-3, 2500]]}}
+    assert scene(drop).follows_density == ()
+    assert scene(drop, drop | program | {"centre": [1e-4, 0]}).follows_density == (1,)
+
+
 def test_plate_of_table_4():
     built = scene(PLATE)
     # 300 columns; the depth is 82.5 spacings, and a point on the lower edge counts: 83 layers

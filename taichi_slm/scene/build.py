@@ -97,7 +97,9 @@ class _Builder:
             ),
             materials=tuple(resolve(name, config.materials) for name in self.names),
             follows_density=tuple(
-                number for number, body in enumerate(config.bodies) if getattr(body, "follow_density", False)
+                number
+                for number, body in enumerate(config.bodies)
+                if getattr(body, "follow_density", False) and body.program is not None
             ),
             programs={n: body.program for n, body in enumerate(config.bodies) if body.program is not None},
         )
