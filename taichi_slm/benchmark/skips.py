@@ -80,10 +80,11 @@ def _compared(name: str, runs: list[dict[str, Any]], reference: list[dict[str, A
         a / b["seconds"] for a, b in zip(seconds, reference, strict=False)
     ]  # fewer of one that runs once
     differences = difference(first, to)
+    expected = "yes" if within(name, differences) else "no"
     return {
         "particles": first["particles"], "flow steps": first["steps"], "seconds": statistics.median(seconds),
         "time over all on": statistics.median(times), **differences,
-        "as expected": "yes" if within(name, differences) else "no",
+        "as expected": "" if name == PAPER else expected,  # that has another form of latent heat, too
     }  # fmt: skip
 
 
