@@ -210,4 +210,11 @@ def test_a_scene_that_memory_cannot_hold_is_refused_before_it_is_begun(tmp_path,
         run(tmp_path, console, too_fine)
     assert caught.value.exit_code == 4
     assert not (tmp_path / "run").exists()
+    needed = driver.memory_bytes(fake_run.config(), round(driver.particles_about(fake_run.config())))
+    monkeypatch.setattr(
+        driver, "available_memory", lambda: 1.1 * needed
+    )  # peaks are up to 12 % above the estimate
+    with pytest.raises(StorageError, match="not enough memory"):
+        run(tmp_path, console)
+    monkeypatch.setattr(driver, "available_memory", lambda: 1.2 * needed)
     run(tmp_path, console)

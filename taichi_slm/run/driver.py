@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
 RENDER_SECONDS = 1800
-MEMORY_MARGIN = 1.5  # an estimate of needed memory may be too high by so much, and the system may have a swap
+MEMORY_MARGIN = 1.15  # the peaks of the shipped scenes are 3 to 12 % above what is estimated
 GL_PACKAGES = "libgl1 libegl1"
 
 
@@ -116,7 +116,7 @@ def _room(config: Config) -> None:
     """Refuse what this machine cannot hold before it is begun: a system out of memory kills, and says nothing."""
     needed = memory_bytes(config, round(particles_about(config)))
     free = available_memory()
-    if free is not None and needed > MEMORY_MARGIN * free:
+    if free is not None and MEMORY_MARGIN * needed > free:
         raise StorageError(
             f"not enough memory for this scene: about {size_text(needed)} needed, {size_text(free)} free on this "
             "machine; use a larger spacing or a smaller scene"
