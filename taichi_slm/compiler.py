@@ -14,7 +14,7 @@ def compiler() -> str:
     name = os.environ.get(VARIABLE, "") or COMPILERS[0]
     if name not in COMPILERS:
         raise ConfigError(f"{VARIABLE} is {name}; it may be {' or '.join(COMPILERS)}")
-    if importlib.util.find_spec(name) is None:
+    if name not in installed():
         raise ConfigError(f'{VARIABLE} is {name}, which is not installed: pip install ".[{name}]"')
     return name
 

@@ -44,4 +44,5 @@ def energy_account(history: Mapping[str, np.ndarray]) -> EnergyAccount | None:
 
 
 def _column(history: Mapping[str, np.ndarray], name: str, rows: int) -> np.ndarray:
+    # an empty cell is that of physics which the scene has not: no energy
     return np.nan_to_num(history.get(name, np.zeros(rows)), nan=0.0)

@@ -128,6 +128,7 @@ def track_figure(found: "Analysis") -> Figure | None:
     axes = figure.subplots(2, 1, sharex=True) if deep else [figure.add_subplot()]
     x, height, depth = (table[name] * 1e6 for name in ("x_m", "height_m", "depth_m"))
     ax = axes[0]
+    # NaN where there is no metal: nothing is filled there
     bottom = np.nan_to_num(table["bottom_m"] * 1e6, nan=0.0)
     body = np.isfinite(table["bottom_m"])
     upper = np.maximum(height, bottom)

@@ -101,6 +101,7 @@ def _sections(
     else:
         held = owned.any(axis=1)
         middle_line = np.abs(axes[1] - np.average(last.position[track, 1])) <= last.spacing
+        # where no metal of the track is, the bare plate is at height 0; so it is in all of this module
         height = np.nan_to_num(top[:, middle_line], nan=0.0).mean(axis=1)
         crest = np.where(owned, top, -np.inf).max(axis=1)
         low = np.where(held, np.where(owned, bottom, np.inf).min(axis=1), np.nan)

@@ -65,8 +65,8 @@ def _plot(findings: Findings, rows: list[dict[str, Any]], ways: list[tuple[str, 
     """The time of every pass over that of its C++ version."""
     curves = []
     for compiler, precision in ways:
-        own = [row for row in rows if (row["compiler"], row["precision"]) == (compiler, precision)]
-        own = [row for row in own if "over c++" in row]
+        own = [row for row in rows
+               if (row["compiler"], row["precision"]) == (compiler, precision) and "over c++" in row]  # fmt: skip
         ratios, passes = [row["over c++"] for row in own], [row["pass"] for row in own]
         curves.append(Curve(f"{compiler}, {precision}", ratios, passes, "points"))
     if any(curve.x for curve in curves):

@@ -64,11 +64,11 @@ def shares(laser: Laser, edges: list[np.ndarray]) -> np.ndarray:
     ``edges``: for each horizontal axis the bin edges [m] relative to the beam's axis, shape [n + 1].
     Returns shape [n_x] in 2-D, [n_x, n_y] in 3-D.
     """
+    from scipy.special import erf  # slow to import, and `validate` does not need it
+
     w = laser.beam_radius
     if laser.profile == "gaussian":
-        scale = math.sqrt(laser.exponent) / w
-        # not scipy's: to import that takes longer than any run spends here
-        parts = [np.diff([0.5 * math.erf(x) for x in (scale * e).tolist()]) for e in edges]
+        parts = [np.diff(0.5 * erf(math.sqrt(laser.exponent) * e / w)) for e in edges]
         return parts[0] if len(parts) == 1 else np.outer(parts[0], parts[1])
     if len(edges) == 1:
         return np.diff(0.5 * np.clip(edges[0] / w, -1.0, 1.0))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 from taichi_slm.sph.kernel import Wendland
@@ -76,8 +77,7 @@ def _planar_density(kernel: Wendland, depth: np.ndarray) -> np.ndarray:
     """Integral of W over the plane (line in 2-D) at ``depth`` from the particle [1/m]."""
     rho = np.linspace(0.0, kernel.support, 2001)
     weight = np.full_like(rho, 2.0) if kernel.dimension == 2 else 2.0 * np.pi * rho
-    weight[[0, -1]] *= 0.5  # trapezoidal rule
-    return np.array([rho[1] * (kernel.value(np.hypot(s, rho)) @ weight) for s in depth])
+    return np.array([trapezoid(kernel.value(np.hypot(s, rho)) * weight, rho) for s in depth])
 
 
 @dataclass(frozen=True)

@@ -209,6 +209,7 @@ class Neighbours:
                 e = c + near_window[w]
                 for slot in range(cells.count[e]):
                     b = cells.items[e, slot]
+                    # written before it is known to be near, and kept by counting it: no branch to guess wrongly
                     self.near[a, ti.min(n, near_capacity)] = b
                     n += ti.cast((x - state.position[b]).norm_sqr() < near2, ti.i32) * ti.cast(b != a, ti.i32)
             if n > near_capacity:
