@@ -20,7 +20,7 @@ from itertools import product
 
 import numpy as np
 
-from taichi_slm.backend import Schedule, ti
+from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.config.schema import Laser
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
@@ -138,6 +138,7 @@ class LaserBins:
         def place_of(a):
             return (ti.cast(state.position[a], ti.f64) - origin) * inverse
 
+        @direct
         @ti.kernel
         def deposit(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
             floor[None] = 1e30
@@ -166,6 +167,7 @@ class LaserBins:
             node[d - 1] = level
             return node
 
+        @direct
         @ti.kernel
         def march(
             first: Index,
@@ -188,6 +190,7 @@ class LaserBins:
                         if left * fraction[column] > faintest:
                             ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
 
+        @direct
         @ti.kernel
         def hand_back(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
             ti.loop_config(serialize=alone)

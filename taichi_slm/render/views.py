@@ -139,7 +139,8 @@ class Studio:
         for kind in kinds:
             plotter, view = self.plotter, self.close_up.get(kind, self.whole)
             plotter.clear_actors()
-            plotter.window_size = list(view.window)
+            if plotter.window_size != list(view.window):  # to set it draws a whole picture
+                plotter.window_size = list(view.window)
             if kind in ONLY_3D:
                 if self.region is None:
                     raise ConfigError(f"a picture '{kind}' shows melt, and nothing in {self.folder} can melt")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import ENERGY, MOMENTUM, Ledger
 from taichi_slm.sph.neighbours import Neighbours
@@ -45,6 +45,7 @@ class Ejection:
                     out = 1
             return out
 
+        @direct
         @ti.kernel
         def remove(mobile: ti.i32):
             found[None] = 0

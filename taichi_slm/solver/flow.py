@@ -9,7 +9,7 @@ continuity  velocity divergence, diffusion, packing -> density rate; mean backgr
 
 from typing import Any
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.physics import continuity as continuity_terms
 from taichi_slm.physics.equation_of_state import pressure_of
 from taichi_slm.physics.pressure import wall_pressure
@@ -61,6 +61,7 @@ class FlowPasses:
         pressure = pressure_of(disc.numerics.sound_speed)
         balanced = state.needs.balanced
 
+        @direct
         @ti.kernel
         def advance(mobile: ti.i32, drift: disc.real, density: disc.real, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -88,6 +89,7 @@ class FlowPasses:
         clamps, shows_velocity = ledger.clamps, state.needs.wall_velocity
         shown = wall_velocity(disc.numerics.walls == "no_slip")
 
+        @direct
         @ti.kernel
         def walls(flow: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -132,6 +134,7 @@ class FlowPasses:
         chunks = 1 if ordered else 1024
         shifts = state.needs.shifting
 
+        @direct
         @ti.kernel
         def kick(mobile: ti.i32, dt: disc.real, dt_before: disc.real, drift: disc.real):
             moved[None] = 0.0
@@ -198,6 +201,7 @@ class FlowPasses:
         clamps = ledger.clamps
         moment, balanced = disc.gradient_moment, state.needs.balanced
 
+        @direct
         @ti.kernel
         def continuity(mobile: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)

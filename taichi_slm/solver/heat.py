@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.physics.conduction import pair_conduction
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.material import MaterialTables
@@ -129,6 +129,7 @@ class HeatPasses:
         emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
         viscous = state.needs.viscous_heating
 
+        @direct
         @ti.kernel
         def rates(hot: ti.i32, lit: ti.i32, per_step: ti.f64, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -173,6 +174,7 @@ class HeatPasses:
         chunks = 1 if ordered else 1024
         has_viscous = state.needs.viscous_heating
 
+        @direct
         @ti.kernel
         def account(
             hot: ti.i32, lit: ti.i32, per_step: ti.f64, power: ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -244,6 +246,7 @@ class HeatPasses:
         def free(a):
             return (state.kind[a] & HELD) == 0 and state.mass[a] > 0.0
 
+        @direct
         @ti.kernel
         def predict(hot: ti.i32, dt: ti.f64, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -256,6 +259,7 @@ class HeatPasses:
                     state.heating_before[a] = rate
                     settle(a, before + dt * rate)
 
+        @direct
         @ti.kernel
         def correct(hot: ti.i32, half: ti.f64, alone: ti.template()):
             change[None] = 0.0
@@ -267,6 +271,7 @@ class HeatPasses:
                     settle(a, state.enthalpy_before[a] + half * (state.heating_before[a] + rate_of(a)))
                     ti.atomic_max(change[None], ti.cast(abs(state.temperature[a] - T) / T, ti.f64))
 
+        @direct
         @ti.kernel
         def stage(
             hot: ti.i32,
@@ -300,6 +305,7 @@ class HeatPasses:
         chunks = 1 if ordered else 1024
         frozen = MOMENTUM.index("frozen")
 
+        @direct
         @ti.kernel
         def phases(hot: ti.i32, report: ti.types.ndarray(dtype=ti.f64, ndim=1)):
             ti.loop_config(serialize=ordered)
@@ -337,6 +343,7 @@ class HeatPasses:
                 ti.atomic_max(report[LEFT_RIM], ti.cast(left_rim, ti.f64))
                 ti.atomic_add(report[MOVING], moving)
 
+        @direct
         @ti.kernel
         def release(hot: ti.i32):
             ti.loop_config(serialize=ordered)

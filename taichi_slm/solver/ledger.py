@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 
 ENERGY = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous", "removed")
 MOMENTUM = ("gravity", "walls", "surface", "frozen", "removed")
@@ -43,6 +43,7 @@ class Ledger:
 
         energy = self.energy
 
+        @direct
         @ti.kernel
         def add_energy(account: ti.i32, amount: ti.f64):
             energy[account] += amount

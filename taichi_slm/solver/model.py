@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import Schedule, ti
+from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.config.schema import Config
 from taichi_slm.materials.tables import tabulate
 from taichi_slm.physics.laser import LaserBins
@@ -140,11 +140,13 @@ class Model:
         body = ti.field(ti.i32, shape=state.count)
         body.from_numpy(self.scene.body.astype(np.int32))
 
+        @direct
         @ti.kernel
         def set_everywhere():
             for a in range(state.count):
                 set_properties(a, state.temperature[a])
 
+        @direct
         @ti.kernel
         def set_body(number: ti.i32, T: ti.f64):
             for a in range(state.count):

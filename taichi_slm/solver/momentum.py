@@ -9,7 +9,7 @@ gradient   of the velocity, from the mobile neighbours
 
 from typing import Any
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.physics.pressure import pair_pressure
 from taichi_slm.physics.shifting import displacement, shear_rate_of
 from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight
@@ -27,6 +27,7 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
     viscous = _viscosity_between(state, disc)
     put_in_order = _shifter(state, disc) if needs.shifting else None
 
+    @direct
     @ti.kernel
     def momentum(mobile: ti.i32, dt: disc.real, alone: ti.template()):
         ti.loop_config(serialize=alone)

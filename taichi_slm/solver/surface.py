@@ -6,7 +6,7 @@ visited: a particle farther inside than the reach of its kernel has no colour gr
 
 from typing import Any
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.marangoni import missing_stress, renormalised_gradient, tangential_force
@@ -65,6 +65,7 @@ class SurfacePasses:
         support2 = disc.surface_kernel.support**2
         window = cells.window(cells.reach(disc.surface_kernel.support))
 
+        @direct
         @ti.kernel
         def colour_all():
             for a in range(state.count):
@@ -83,6 +84,7 @@ class SurfacePasses:
     def _compile_colour(self, state: State, rows: Neighbours, pair: Any, store: Any) -> Any:
         near_surface, lists = self._near_surface, _both_lists(rows)
 
+        @direct
         @ti.kernel
         def colour(count: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -101,6 +103,7 @@ class SurfacePasses:
         needs, near_surface, ends = state.needs, self._near_surface, self._ends
         ordered = disc.schedule.ordered
 
+        @direct
         @ti.kernel
         def select(mobile: ti.i32, flow: ti.i32, skip: ti.i32):
             ends[0] = 0
@@ -136,6 +139,7 @@ class SurfacePasses:
         weight_of = surface_weight(disc.h_surface, numerics.normal_cut)
         clamps, near_surface = ledger.clamps, self._near_surface
 
+        @direct
         @ti.kernel
         def forces(count: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import direct, ti
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import ENERGY, Ledger
 from taichi_slm.state import MOBILE, REMOVED, State
@@ -21,6 +21,7 @@ class Survey:
         chunks = 1 if ordered else 1024
         count = state.count
 
+        @direct
         @ti.kernel
         def survey(result: ti.types.ndarray(dtype=ti.f64, ndim=1)):
             for _ in range(1):

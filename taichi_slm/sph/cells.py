@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import Schedule, ti
+from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.state import MOBILE, REMOVED, State
 
 
@@ -77,6 +77,7 @@ class Cells:
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
         cell_of, finite = self.cell_of, self._finite
 
+        @direct
         @ti.kernel
         def clear(alone: ti.template()):
             overflow[None] = -1
@@ -86,6 +87,7 @@ class Cells:
                 count[c] = 0
                 active[c] = 0
 
+        @direct
         @ti.kernel
         def fill(warm_from: ti.f64, rest: ti.f64):
             ti.loop_config(serialize=ordered)
@@ -106,6 +108,7 @@ class Cells:
                         if warm or state.mobility[a] == MOBILE:
                             active[c] = 1
 
+        @direct
         @ti.kernel
         def sort():
             for c in count:
@@ -149,6 +152,7 @@ class Cells:
             else:
                 overflow[None] = a
 
+        @direct
         @ti.kernel
         def follow(moved: ti.template(), number: ti.i32):
             ti.loop_config(serialize=True)  # two may leave one cell

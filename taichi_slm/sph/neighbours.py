@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import Schedule, ti
+from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, STILL, State
 
@@ -74,6 +74,7 @@ class Neighbours:
         grown = ti.field(ti.i32, shape=cells.total)
         Corner = ti.types.vector(d, ti.f64)
 
+        @direct
         @ti.kernel
         def spread(alone: ti.template()):
             """Hot is what the active cells reach, the core what they are next to."""
@@ -90,6 +91,7 @@ class Neighbours:
                                 bits = HOT | CORE
                 zone[c] = bits
 
+        @direct
         @ti.kernel
         def grow(alone: ti.template()):
             """One more ring of cells around the hot ones."""
@@ -113,6 +115,7 @@ class Neighbours:
                     inside = 0
             return inside
 
+        @direct
         @ti.kernel
         def choose(everything: ti.i32, low: Corner, high: Corner):
             ends[2] = 0
@@ -159,6 +162,7 @@ class Neighbours:
                                 touched = 1
             return touched
 
+        @direct
         @ti.kernel
         def gather(hot: ti.i32, everything: ti.i32, now: ti.i32):
             ends[0] = 0
@@ -237,6 +241,7 @@ class Neighbours:
             self.near_count[a] = ti.min(n, near_capacity)
             self.far_count[a] = ti.min(m, far_capacity)
 
+        @direct
         @ti.kernel
         def search(flow: ti.i32, alone: ti.template()):
             overflow[None] = -1
@@ -252,6 +257,7 @@ class Neighbours:
                     search_near(a)
                 listed[a] = ANEW
 
+        @direct
         @ti.kernel
         def settle(hot: ti.i32, now: ti.i32, alone: ti.template()):
             """Nobody who moves is within reach of a hot row that is not a flow row."""
@@ -262,6 +268,7 @@ class Neighbours:
                     search_near(a)
                     listed[a] = FOUND
 
+        @direct
         @ti.kernel
         def renew(alone: ti.template()):
             ti.loop_config(serialize=alone)
