@@ -84,6 +84,40 @@ def _spread(threads: set[int]) -> None:
             os.sched_setaffinity(thread, {processors[number % len(processors)]})
 
 
+ON_DEMAND_FROM = 100_000  # particles; below, all of a scene's memory is some 200 MB and an access 10 % faster
+BLOCK = 64  # particles of a block
+
+
+class Blocks:
+    """Fields of ``count`` particles that take memory by blocks, each when something is first written to it.
+
+    An element that has none reads as zero. In a small scene, and on a device without sparse fields, they are ordinary
+    fields; otherwise they are longer than ``count``, by less than a block. Make all before the first kernel runs.
+    """
+
+    def __init__(self, count: int):
+        self._count = count
+        arch = ti.lang.impl.current_cfg().arch
+        can = ti.lang.misc.is_extension_supported(arch, ti.extension.sparse)
+        self._root = ti.root.pointer(ti.i, -(-count // BLOCK)) if can and count >= ON_DEMAND_FROM else None
+
+    def field(self, kind: Any, width: int | None = None) -> Any:
+        """A field of ``kind``, shape [n], or [n, ``width``]."""
+        if self._root is None:
+            return ti.field(kind, shape=self._count if width is None else (self._count, width))
+        made, block = ti.field(kind), self._root.dense(ti.i, BLOCK)
+        (block if width is None else block.dense(ti.j, width)).place(made)
+        return made
+
+    def vectors(self, dimension: int, kind: Any) -> Any:
+        """A field of vectors, shape [n]."""
+        if self._root is None:
+            return ti.Vector.field(dimension, kind, shape=self._count)
+        made = ti.Vector.field(dimension, kind)
+        self._root.dense(ti.i, BLOCK).place(made)
+        return made
+
+
 @dataclass(frozen=True)
 class Schedule:
     """Which loops run on one thread. On a GPU none does; on a CPU waking the others costs some 100 us a loop.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import ti
+from taichi_slm.backend import Blocks, direct, ti
 
 STILL, MOBILE, REMOVED = 0, 1, -1  # values of `mobility`
 WALL, HELD = 1, 2  # bits of `kind`
@@ -32,6 +32,9 @@ class State:
 
     ``real`` is the precision of the particle fields (f64 or f32); enthalpies and accounts are f64 always, so
     that small increments are not lost.
+
+    Fields that only their own particle reads, and only once it moves or is hot, take memory from then on (`Blocks`,
+    in a large scene): cold metal does without them.
     """
 
     def __init__(self, count: int, dimension: int, needs: Needs, real: Any):
@@ -40,14 +43,15 @@ class State:
         self.needs = needs
         self.real = real
         self.names: list[str] = []
+        moving, hot = Blocks(count), Blocks(count)
 
-        def scalar(name: str, kind: Any = None) -> Any:
+        def scalar(name: str, kind: Any = None, of: Blocks | None = None) -> Any:
             self.names.append(name)
-            return ti.field(kind or real, shape=count)
+            return of.field(kind or real) if of else ti.field(kind or real, shape=count)
 
-        def vector(name: str) -> Any:
+        def vector(name: str, of: Blocks | None = None) -> Any:
             self.names.append(name)
-            return ti.Vector.field(dimension, real, shape=count)
+            return of.vectors(dimension, real) if of else ti.Vector.field(dimension, real, shape=count)
 
         # constant after the start, but for removal, which sets mass and volume to zero
         self.mass = scalar("mass")  # [kg], 2-D [kg/m]; removal
@@ -68,62 +72,93 @@ class State:
             self.enthalpy = scalar("enthalpy", ti.f64)  # [J/kg]; heat
             self.enthalpy_initial = scalar("enthalpy_initial", ti.f64)  # [J/kg]; start
             # [J/kg], at the start of a heat step; heat
-            self.enthalpy_before = scalar("enthalpy_before", ti.f64)
-            self.enthalpy_past = scalar("enthalpy_past", ti.f64)  # [J/kg], two stages ago; heat
-            self.heating = scalar("heating", ti.f64)  # [W]; heat rates
-            self.heating_before = scalar("heating_before", ti.f64)  # [W], first stage; heat
+            self.enthalpy_before = scalar("enthalpy_before", ti.f64, of=hot)
+            self.enthalpy_past = scalar("enthalpy_past", ti.f64, of=hot)  # [J/kg], two stages ago; heat
+            self.heating = scalar("heating", ti.f64, of=hot)  # [W]; heat rates
+            self.heating_before = scalar("heating_before", ti.f64, of=hot)  # [W], first stage; heat
             self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
             self.kirchhoff = scalar("kirchhoff")  # integral of k dT [W/m]; phase change
             self.conduction_factor = scalar("conduction_factor")  # [-], of a pair's heat; surroundings
-            self.radiated = scalar("radiated")  # [W]; heat rates
-            self.evaporated = scalar("evaporated")  # [W]; heat rates
-            self.laser = scalar("laser", ti.f64)  # absorbed [W]; laser
+            self.radiated = scalar("radiated", of=hot)  # [W]; heat rates
+            self.evaporated = scalar("evaporated", of=hot)  # [W]; heat rates
+            self.laser = scalar("laser", ti.f64, of=hot)  # absorbed [W]; laser
         if needs.losses:
-            self.surface_area = scalar("surface_area")  # per volume of metal [1/m]; surroundings
+            self.surface_area = scalar("surface_area", of=hot)  # per volume of metal [1/m]; surroundings
         if needs.viscous_heating:
-            self.viscous_work = scalar("viscous_work", ti.f64)  # [J] since the last heat step; momentum
+            self.viscous_work = scalar(
+                "viscous_work", ti.f64, of=hot
+            )  # [J] since the last heat step; momentum
         if needs.flow:
             self.pressure = scalar("pressure")  # [Pa]; equation of state, wall pressure
             self.viscosity = scalar("viscosity")  # [Pa s]; phase change
-            self.acceleration = vector("acceleration")  # [m/s^2]; momentum
-            self.density_rate = scalar("density_rate")  # [kg/(m^3 s)]; continuity
+            self.acceleration = vector("acceleration", of=moving)  # [m/s^2]; momentum
+            self.density_rate = scalar("density_rate", of=moving)  # [kg/(m^3 s)]; continuity
             # [m] when the lists were built; neighbours
-            self.reference_position = vector("reference_position")
+            self.reference_position = vector("reference_position", of=moving)
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
-            self.wall_force = vector("wall_force")  # [N] from walls on a mobile particle; momentum
+            self.wall_force = vector("wall_force", of=moving)  # [N] from walls on a mobile particle; momentum
         if needs.wall_velocity:
             # [m/s] that a still particle shows to viscosity; walls
             self.wall_velocity = vector("wall_velocity")
         if needs.printed_leapfrog:
-            self.acceleration_before = vector("acceleration_before")  # [m/s^2]; kick
+            self.acceleration_before = vector("acceleration_before", of=moving)  # [m/s^2]; kick
         if needs.surface:
-            self.colour_gradient = vector("colour_gradient")  # [1/m], inward; colour gradient
+            self.colour_gradient = vector("colour_gradient", of=moving)  # [1/m], inward; colour gradient
             self.colour_strength = scalar("colour_strength")  # |grad c| [1/m]; colour gradient
             self.normal = vector("normal")  # unit, inward, or zero where cut; colour gradient
         if needs.tension:
             self.surface_tension = scalar("surface_tension")  # [N/m]; phase change
             self.surface_tension_slope = scalar("surface_tension_slope")  # [N/(m K)]; phase change
-            self.curvature = scalar("curvature")  # [1/m], negative on a drop; surface forces
-            self.surface_force = vector("surface_force")  # [N/m^d]; surface forces, momentum
+            self.curvature = scalar("curvature", of=moving)  # [1/m], negative on a drop; surface forces
+            self.surface_force = vector("surface_force", of=moving)  # [N/m^d]; surface forces, momentum
         if needs.balanced:
-            self.tangential_force = vector("tangential_force")  # [N/m^d], Marangoni; surface forces
-            self.capillary = scalar("capillary")  # capillary pressure of the surface [Pa]; surface forces
-            self.at_surface = scalar("at_surface")  # its weight, 0 inside to 1; surface forces
+            self.tangential_force = vector(
+                "tangential_force", of=moving
+            )  # [N/m^d], Marangoni; surface forces
+            self.capillary = scalar(
+                "capillary", of=moving
+            )  # capillary pressure of the surface [Pa]; surface forces
+            self.at_surface = scalar("at_surface", of=moving)  # its weight, 0 inside to 1; surface forces
             self.background = scalar("background")  # its smooth extension inwards [Pa]; move
-            self.background_mean = scalar("background_mean")  # of the neighbours' [Pa]; continuity
+            self.background_mean = scalar("background_mean", of=moving)  # of the neighbours' [Pa]; continuity
         if needs.shifting:
-            self.shift = vector("shift")  # [m] of this step; momentum
+            self.shift = vector("shift", of=moving)  # [m] of this step; momentum
 
     def load(self, **arrays: np.ndarray) -> None:
         """Copy numpy arrays of shape [n] or [n, d] into the fields of those names."""
         for name, values in arrays.items():
             target = getattr(self, name)
-            target.from_numpy(np.ascontiguousarray(values, dtype=_NUMPY[str(target.dtype)]))
+            whole = np.ascontiguousarray(values, dtype=_NUMPY[str(target.dtype)])
+            if target.shape == (self.count,):
+                target.from_numpy(whole)
+            else:
+                _fill_blocks(target, whole)
 
     def array(self, name: str) -> np.ndarray:
         """The field ``name`` as numpy, shape [n] or [n, d]."""
         values: np.ndarray = getattr(self, name).to_numpy()
-        return values
+        return values[: self.count]  # blocks are whole ones
 
 
 _NUMPY = {"f64": np.float64, "f32": np.float32, "i32": np.int32, "i64": np.int64}
+
+
+def _fill_blocks(target: Any, values: np.ndarray) -> None:
+    """Copy ``values`` into a field of `Blocks`: a zero where there is no memory yet takes none."""
+
+    @direct
+    @ti.kernel
+    def fill_scalars(given: ti.types.ndarray(ndim=1)):
+        for a in range(given.shape[0]):
+            if given[a] != 0 or target[a] != 0:
+                target[a] = given[a]
+
+    @direct
+    @ti.kernel
+    def fill_vectors(given: ti.types.ndarray(ndim=2)):
+        for a in range(given.shape[0]):
+            for axis in ti.static(range(target.n)):
+                if given[a, axis] != 0 or target[a][axis] != 0:
+                    target[a][axis] = given[a, axis]
+
+    (fill_scalars if values.ndim == 1 else fill_vectors)(values)

@@ -5,6 +5,9 @@ import pytest
 
 from taichi_slm import backend
 from taichi_slm.backend import direct, ti
+from taichi_slm.benchmark.measure import in_its_own_process
+from taichi_slm.benchmark.scenes import track
+from taichi_slm.run.simulation import Simulation
 
 
 def _kernels():
@@ -73,3 +76,53 @@ def test_a_direct_launch_refuses_what_the_kernel_refuses(arguments):
     add(1, 1.0, False, np.zeros(1))  # the next launch is direct
     with pytest.raises((TypeError, ti.TaichiCompilationError, ti.TaichiRuntimeError)):
         add(*arguments)
+
+
+def _track(monkeypatch, on_demand_from):
+    monkeypatch.setattr(backend, "ON_DEMAND_FROM", on_demand_from)
+    return Simulation(track(grains=3, duration=1e-3))
+
+
+def test_fields_on_demand_hold_what_ordinary_ones_do(monkeypatch):
+    """A track with all its physics; the compiler orders the sums of the two in another way, no more."""
+    found = {}
+    for kind, least in (("ordinary", 10**9), ("on demand", 1)):
+        sim = _track(monkeypatch, least)
+        for _ in range(30):
+            sim.step()
+        assert sim.rows.mobile > 20
+        found[kind] = sim.arrays(("position", "temperature", "surface_force"))
+    for name, scale in (("position", 4e-6), ("temperature", 1000.0), ("surface_force", 1e10)):
+        # 120 flow steps of round-off, which a melt doubles every few hundred
+        np.testing.assert_allclose(
+            found["ordinary"][name], found["on demand"][name], rtol=0, atol=1e-6 * scale
+        )
+
+
+def test_a_run_with_fields_on_demand_resumes_with_the_same_bits(monkeypatch):
+    """What had no memory when the checkpoint was written reads as zero on both sides."""
+    sim = _track(monkeypatch, 1)
+    for _ in range(30):
+        sim.step()
+    saved = sim.checkpoint()
+    for _ in range(10):
+        sim.step()
+    expected = sim.checkpoint()
+    again = _track(monkeypatch, 1)
+    again.step()
+    again.restore(saved)
+    for _ in range(10):
+        again.step()
+    found = again.checkpoint()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+@pytest.mark.slow
+def test_cold_metal_in_3d_takes_less_than_500_bytes_a_particle():
+    """Of fields, lists and cells, in f64: the difference of two plates under one weld."""
+    few, many = (in_its_own_process("benchmark.scaling:cold_memory", width=width, precision="f64")
+                 for width in (600e-6, 800e-6))  # fmt: skip
+    taken = [(many[what] - few[what]) / (many["particles"] - few["particles"]) for what in ("peak", "scene")]
+    assert many["active particles"] == few["active particles"]
+    assert taken[0] - taken[1] < 500

@@ -22,7 +22,7 @@ from typing import Any
 
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
 from taichi_slm.benchmark.report import Findings
-from taichi_slm.benchmark.scenes import drop, track, warm
+from taichi_slm.benchmark.scenes import drop, track, warm, weld
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Curve
 
@@ -36,6 +36,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     _size(findings, rounds, (10, 20) if quick else (10, 20, 40, 80), yardstick)
     _threads(findings, rounds, quick, yardstick)
     _memory(findings, (20, 100) if quick else (40, 200), yardstick)
+    _cold_memory(findings, (600e-6, 800e-6) if quick else (600e-6, 1200e-6), yardstick)
     _start(findings, 2 if quick else 5, yardstick)
 
 
@@ -130,6 +131,38 @@ def _memory(findings: Findings, resolutions: tuple[int, int], yardstick: Yardsti
     findings.table("scaling_memory", "Memory of a 2-D drop with heat, flow and surface tension", rows,
                    "The further particles are those of the larger drop over those of a smaller one; the process's "
                    "peak holds what is copied while a scene is built as well.")  # fmt: skip
+
+
+def cold_memory(width: float, precision: str) -> dict[str, Any]:
+    """A weld in the middle of a plate (3-D) of ``width`` [m]: its particles, the process's peak, the scene's bytes."""
+    sim = Simulation(weld(width), threads=1, precision=precision)
+    for _ in range(5):
+        sim.step()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT
+    scene = sum(values.nbytes for values in vars(sim.scene).values() if hasattr(values, "nbytes"))
+    return {"particles": sim.scene.count, "active particles": sim.rows.hot, "peak": peak, "scene": scene}
+
+
+def _cold_memory(findings: Findings, widths: tuple[float, float], yardstick: Yardstick) -> None:
+    rows = []
+    for precision in ("f64", "f32"):
+        few, many = (in_its_own_process("benchmark.scaling:cold_memory", width=width, precision=precision)
+                     for width in widths)  # fmt: skip
+        yardstick.measure()
+        if "failure" in few or "failure" in many:
+            rows.append({"precision": precision, "failure": few.get("failure") or many.get("failure")})
+            continue
+        more = many["particles"] - few["particles"]
+        per_particle, of_scene = ((many[what] - few[what]) / more for what in ("peak", "scene"))
+        rows.append({
+            "precision": precision, "particles": many["particles"], "of them active": many["active particles"],
+            "process, bytes per further cold particle": per_particle, "of them the scene on the host": of_scene,
+            "fields, lists and cells": per_particle - of_scene,
+        })  # fmt: skip
+    findings.table("scaling_memory_cold", "Memory of cold metal in 3-D", rows,
+                   "A weld with evaporation on a plate, and on a wider one: the further particles are all cold, so "
+                   "they have no lists and no fields of what moves or is hot. Measured before a checkpoint or a "
+                   "snapshot, which copy all fields to the host for a moment.")  # fmt: skip
 
 
 def first_step() -> dict[str, Any]:

@@ -29,6 +29,17 @@ def track(grains: int = 6, plate: float = 1.0, duration: float = 60e-6, spacing:
     return configure(**merged(scene, changes))
 
 
+def weld(width: float) -> Config:
+    """A beam of 100 W that stands on a steel plate of ``width`` [m] and 100 um (3-D, spacing 5 um)."""
+    return configure(
+        dimension=3, spacing=5 * UM, numerics={"sound_speed": 20}, time={"end": 1e-3},
+        physics={"evaporation": True, "recoil": True},
+        bodies=[{"shape": "plate", "start": -0.5 * width, "length": width, "width": width, "depth": 100 * UM}],
+        laser={"power": 100, "beam_radius": 50 * UM, "absorptivity": 0.4,
+               "path": [{"kind": "dwell", "at": [0.0, 0.0], "duration": 1e-3}]},
+    )  # fmt: skip
+
+
 def drop(resolution: int = 40, end: float = 1e-4, **changes: Any) -> Config:
     """A liquid steel drop of R 50 um (2-D) with heat, surface tension and Marangoni flow; ``resolution`` is R/dx."""
     scene = {

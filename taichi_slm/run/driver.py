@@ -114,7 +114,7 @@ def resume(path: Path, threads: int | None = None, console: Console | None = Non
 
 def _room(config: Config) -> None:
     """Refuse what this machine cannot hold before it is begun: a system out of memory kills, and says nothing."""
-    needed = memory_bytes(config, round(particles_about(config)))
+    needed = memory_bytes(config, round(particles_about(config)), cold=True)
     free = available_memory()
     if free is not None and MEMORY_MARGIN * needed > free:
         raise StorageError(

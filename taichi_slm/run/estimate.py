@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from taichi_slm.backend import ON_DEMAND_FROM
 from taichi_slm.config.extent import particles_about
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
@@ -34,7 +35,8 @@ class Estimate:
     spacing: float  # dx [m]
     particles: int
     counted: bool  # False: by volume, not particle by particle
-    memory: float  # [bytes]
+    memory: float  # [bytes], once everything has been hot
+    memory_cold: float  # [bytes], before anything is
     limits: dict[str, float]  # term -> largest stable step [s]
     step: float  # [s], aligned to the output
     limiter: str
@@ -54,7 +56,7 @@ class Estimate:
                 "particles",
                 f"{exact}{self.particles:,} ({self.dimension}-D, spacing {quantity(self.spacing, 'm')})",
             ),
-            ("memory", size_text(self.memory)),
+            ("memory", self._memory()),
             *(
                 (f"step {name}", f"{quantity(limit, 's')}{self._mark(name)}")
                 for name, limit in self.limits.items()
@@ -76,6 +78,10 @@ class Estimate:
             *(f"  {name:<16}{value}" for name, value in rows),
             *(f"  warning: {warning}" for warning in self.warnings),
         ]
+
+    def _memory(self) -> str:
+        most = size_text(self.memory)
+        return most if self.memory_cold == self.memory else f"{size_text(self.memory_cold)} cold, {most} hot"
 
     def _mark(self, name: str) -> str:
         return "  <- rules" if name == self.limiter else ""
@@ -108,6 +114,7 @@ def estimate(loaded: LoadedConfig) -> Estimate:
         particles=count,
         counted=counted,
         memory=memory,
+        memory_cold=memory_bytes(config, count, scene, cold=True),
         limits=found,
         step=min(step, interval),
         limiter=limiter,
@@ -153,8 +160,13 @@ def _duty(laser: Laser) -> float:
     return laser.pulse.on / (laser.pulse.on + laser.pulse.off) if laser.pulse else 1.0
 
 
-def memory_bytes(config: Config, count: int, scene: Scene | None = None, real: int = 8) -> float:
-    """Memory of a run [bytes]: the particle fields of state.py, the neighbour lists, cells, the runtime."""
+def memory_bytes(
+    config: Config, count: int, scene: Scene | None = None, real: int = 8, cold: bool = False
+) -> float:
+    """Memory of a run [bytes]: the particle fields of state.py, the neighbour lists, cells, the runtime.
+
+    ``cold``: before any of it is hot or melts, which matters in a scene that takes memory on demand.
+    """
     d, performance = config.dimension, config.performance
     per_particle = state_bytes(config, real)
     ball = math.pi if d == 2 else 4 / 3 * math.pi
@@ -165,11 +177,14 @@ def memory_bytes(config: Config, count: int, scene: Scene | None = None, real: i
         else near
     )
     lists = 4 * (1.5 * max(near, far) + 30)
+    taken = per_particle + lists
+    if cold and count >= ON_DEMAND_FROM:
+        taken = per_particle - on_demand_bytes(config, real)
     sites = 2.0 * count
     if scene is not None:
         sites = math.prod(((scene.upper - scene.lower) / scene.spacing).tolist())
     host = 2 * per_particle  # numpy copies for output and checkpoints
-    return RUNTIME_BYTES + count * (per_particle + lists + host) + 20 * sites
+    return RUNTIME_BYTES + count * (taken + host) + 20 * sites
 
 
 def state_bytes(config: Config, real: int = 8) -> float:
@@ -188,6 +203,15 @@ def state_bytes(config: Config, real: int = 8) -> float:
     if physics.surface_tension or physics.marangoni or physics.recoil:
         words += 3 + d
     return real * words + 8 * doubles + 4 * 4
+
+
+def on_demand_bytes(config: Config, real: int = 8) -> float:
+    """Bytes of one particle's fields that it needs only once it is hot, or moves: those of `Blocks` in state.py."""
+    physics, d = config.physics, config.dimension
+    moving = 1 + 3 * d if physics.flow else 0
+    if physics.surface_tension or physics.marangoni or physics.recoil:
+        moving += 1 + d
+    return real * moving + (8 * 5 + real * 2 if physics.heat else 0)
 
 
 def output_bytes(config: Config, count: int) -> tuple[int, float]:

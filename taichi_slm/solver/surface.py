@@ -77,7 +77,7 @@ class SurfacePasses:
                         b = cells.items[e, slot]
                         if b != a and (state.position[a] - state.position[b]).norm_sqr() < support2:
                             total += pair(a, b)
-                store(a, total)
+                store(a, total, state.mobility[a] == MOBILE)
 
         return colour_all
 
@@ -94,7 +94,7 @@ class SurfacePasses:
                 for length, items, _ in ti.static(lists):
                     for j in range(length[a]):
                         total += pair(a, items[a, j])
-                store(a, total)
+                store(a, total, True)
 
         return colour
 
@@ -191,7 +191,8 @@ def _both_lists(rows: Neighbours) -> tuple[tuple[Any, Any, bool], ...]:
 
 
 def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
-    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient), which stores it."""
+    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient, whether the
+    vector itself is needed), which stores it."""
     _, F = disc.surface_kernel.functions()
     gamma_form = disc.uses_shepard and disc.numerics.colour_gradient == "gamma"
     cut = disc.numerics.normal_cut / disc.h_surface
@@ -205,12 +206,13 @@ def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
         return factor * F(r.norm_sqr()) * r
 
     @ti.func
-    def store(a, gradient):
+    def store(a, gradient, kept):
         strength = gradient.norm()
         normal = gradient * 0.0
         if strength > cut:
             normal = gradient / strength
-        state.colour_gradient[a] = gradient
+        if kept:  # cold metal needs no more than the two below
+            state.colour_gradient[a] = gradient
         state.colour_strength[a] = strength
         state.normal[a] = normal
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import Schedule, direct, ti
+from taichi_slm.backend import Blocks, Schedule, direct, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, STILL, State
 
@@ -29,7 +29,7 @@ class Neighbours:
 
     ``near``, ``far`` [m]: radii of the lists, with the skin; ``rim`` [m]: how far beyond the active cells particles
     count as hot, which is as far as heat can come in one heat step.
-    Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``.
+    Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``; who never has one takes no memory (`Blocks`).
     """
 
     def __init__(self, state: State, cells: Cells, near: float, far: float | None, rim: float, dx: float,
@@ -47,10 +47,10 @@ class Neighbours:
         )  # of a hot row: 1 amid the active cells, 0 at the rim of the hot set
         self.listed = ti.field(ti.i32, shape=n)
         self.near_count = ti.field(ti.i32, shape=n)
-        self.near = ti.field(ti.i32, shape=(n, self.near_capacity + 1))  # and one to spare, see search_near
+        self.near = Blocks(n).field(ti.i32, self.near_capacity + 1)  # and one to spare, see search_near
         if far:
             self.far_count = ti.field(ti.i32, shape=n)
-            self.far = ti.field(ti.i32, shape=(n, self.far_capacity + 1))
+            self.far = Blocks(n).field(ti.i32, self.far_capacity + 1)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.hot = 0
         self._flow_row = ti.field(ti.i32, shape=n)  # the gathering at which a particle was a flow row last
