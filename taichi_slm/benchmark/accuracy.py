@@ -85,7 +85,7 @@ CASES = {
                                 (28 * UM, 20 * UM, 14 * UM, 10 * UM), 20 * UM, _source),
     "thermal_cycle": Answered("Test 1: volume of the inside, two cycles", "thermal_cycle", (12, 20, 32), 20, _cycle),
     "spot_weld": Answered("Spot weld: radius and depth against the measured ones", "spot_weld",
-                          (60 * UM, 50 * UM, 40 * UM), 50 * UM, _weld),
+                          (60 * UM, 50 * UM, 40 * UM), 60 * UM, _weld),
 }  # fmt: skip
 SLOW = ("spot_weld",)  # not looked at in a quick run
 
@@ -95,7 +95,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     for name, case in CASES.items():
         if quick and name in SLOW:
             continue
-        rounds = 1 if quick or name == "spot_weld" else 3
+        rounds = 1 if quick or name == "spot_weld" else 2
         plan = jobs(name, quick)
         once = [
             label for label in plan if label.startswith("paper")
