@@ -310,7 +310,8 @@ def _wide_console() -> Any:
 @app.command()
 def bench(
     subject: Annotated[
-        list[str] | None, typer.Argument(help="accuracy, speed, skips, scaling, peers; all by default.")
+        list[str] | None,
+        typer.Argument(help="accuracy, speed, skips, scaling, reach, peers; all by default."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of bench.json, the CSV files and the plots.")] = Path(
         "bench"
@@ -320,7 +321,7 @@ def bench(
     ] = False,
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
 ) -> None:
-    """Measure this program on this machine: time against error, passes beside C++, skips, scaling, PySPH."""
+    """Measure this program on this machine: time against error, passes beside C++, skips, scaling, whole scenes, PySPH."""
     from taichi_slm.benchmark.bench import bench as measure
 
     report = measure(subject or (), out, quick, _wide_console())

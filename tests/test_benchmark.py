@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from taichi_slm.benchmark import accuracy, bench, skips, speed
+from taichi_slm.benchmark import accuracy, bench, reach, skips, speed
 from taichi_slm.benchmark.measure import in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
 from taichi_slm.benchmark.passes import Pass, Watch
@@ -95,6 +95,25 @@ def test_the_shares_of_a_step_add_up_and_a_stall_is_nobodys():
     assert rows["flow: a"]["ns per row"] == pytest.approx(1e4)
     assert "rows" not in rows["lists: b"]
     assert rows["Python and launches"]["ns per active particle and flow step"] == pytest.approx(500.0)
+
+
+def test_the_limit_is_what_is_left_of_the_steps():
+    """10 s, of which 6 in a pass twice as slow as C++, 3 in one without a twin, 1 in Python; half of the cores idle."""
+    names = ("flow: momentum", "lists: search", "Python and launches")
+    passes = [
+        {"pass": name, "share of the time": share} for name, share in zip(names, (0.6, 0.3, 0.1), strict=True)
+    ]
+    cores = reach.machine()["cores"]
+    left = reach.limit({"seconds": 10.0, "busy": 0.5 * cores, "passes": passes}, {"momentum": 2.0})
+    assert left["without Python and launches, s"] == pytest.approx(9.0)
+    assert left["and four passes at the speed of plain C++, s"] == pytest.approx(6.0)
+    assert left["and all cores busy, s"] == pytest.approx(3.0)
+
+
+def test_a_scene_that_is_refused_stands_in_the_table_with_its_reason():
+    """And the others are measured."""
+    row = reach._run(reach.Goal("track_150W", ("laser.power=-1",)))
+    assert "laser.power" in row["failure"]
 
 
 def test_skips_change_what_they_may():

@@ -16,6 +16,7 @@ SUBJECTS = {
     "speed": "Time of every pass, and of the same pass in C++",
     "skips": "What each skip saves, and what it changes",
     "scaling": "Cost against size, threads and start",
+    "reach": "Whole scenes, and the limit of this machine",
     "peers": "Another program on the same drops",
 }
 

@@ -1,0 +1,135 @@
+"""Whole scenes, from the command to the last picture.
+
+Each is run by `taichi-slm run` with its pictures, as a user would, on all cores, with the kernels in the cache. Then
+the same scene is run again without output and with a clock on every pass. The last table is the limit of this machine
+for these passes: what would be left of the steps without Python and launches; if the passes that have a version in
+C++ ran at its speed; and if all cores had work all the time. It is arithmetic on what was measured, not a run.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, machine
+from taichi_slm.benchmark.passes import Watch
+from taichi_slm.benchmark.report import Findings
+from taichi_slm.benchmark.speed import Block, shares
+from taichi_slm.config.load import load_config
+from taichi_slm.run.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A shipped scene, with changes of its keys, and the wall time [s] that was asked of it."""
+
+    scene: str
+    changes: tuple[str, ...] = ()
+    seconds: float | None = None
+    profiled: bool = True
+
+    @property
+    def name(self) -> str:
+        """As it stands in the tables."""
+        return " ".join((self.scene, *self.changes))
+
+
+MILLIMETRE = (
+    "spacing=5 um", "bodies.0.length=1.2 mm", "bodies.1.length=1.12 mm", "laser.path.0.end=[1.1 mm, 0 mm]",
+    "time.end=3 ms", "output.snapshot_interval=0.1 ms",
+)  # fmt: skip
+GOALS = (
+    Goal("track_150W", seconds=20.0),
+    Goal("spot_weld_3ms", seconds=20.0),
+    Goal("spot_weld_3ms", ("spacing=25 um",), 240.0, profiled=False),
+    Goal("track_3d", MILLIMETRE, 3600.0, profiled=False),
+)
+QUICK = (Goal("track_150W", ("time.end=20 us",)), Goal("spot_weld_3ms", ("time.end=60 us",)))
+WITH_CPP = {
+    "flow: momentum": "momentum", "flow: continuity": "continuity", "surface: colour": "colour",
+    "heat: rates": "conduction",
+}  # fmt: skip
+
+
+def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
+    """The runs, their profiles, the limits."""
+    goals = QUICK if quick else GOALS
+    runs = []
+    for goal in goals:
+        runs.append(_run(goal))
+        yardstick.measure()
+    findings.table("reach_runs", "Wall time of whole scenes", runs)
+    beside = in_its_own_process("benchmark.speed:beside_cpp", precision="f64", quick=quick)
+    slower = {row["pass"]: row["over c++"] for row in beside.get("rows", ()) if "over c++" in row}
+    limits = []
+    for goal in goals:
+        if not goal.profiled:
+            continue
+        found = in_its_own_process("benchmark.reach:profile", scene=goal.scene, changes=goal.changes)
+        yardstick.measure()
+        if "failure" in found:
+            limits.append({"scene": goal.name, "failure": found["failure"]})
+            continue
+        name = goal.scene.replace("_", " ")
+        findings.table(f"reach_{goal.scene}", f"Where the time goes: {name}, all steps", found["passes"])
+        limits.append({"scene": goal.name} | limit(found, slower))
+    findings.table("reach_limits", "What would be left of the steps", limits)
+
+
+def _run(goal: Goal) -> dict[str, Any]:
+    """One run by the command line: what it says of itself, and its wall time."""
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "run"
+        command = [sys.executable, "-m", "taichi_slm.cli", "run", goal.scene, "--out", str(out)]
+        for change in goal.changes:
+            command += ["--set", change]
+        row: dict[str, Any] = {"scene": goal.name}
+        began = time.perf_counter()
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        wall = time.perf_counter() - began
+        if done.returncode:
+            said = (done.stderr or done.stdout).strip().splitlines()
+            return row | {"failure": said[-1] if said else f"ended with {done.returncode}"}
+        told = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return row | {
+        "particles": told["particles"], "flow steps": told["steps"], "wall, s": wall, "asked, s": goal.seconds,
+        "steps, s": told["solver_time_s"], "compiling, s": told["compile_time_s"],
+        "scene and files, s": told["wall_time_s"] - told["solver_time_s"] - told["compile_time_s"],
+        "Python and pictures, s": wall - told["wall_time_s"],
+        "us per flow step": 1e6 * told["solver_time_s"] / told["steps"],
+        "memory, MB": (told["peak_memory_bytes"] or 0) / 1e6,
+    }  # fmt: skip
+
+
+def profile(scene: str, changes: list[str]) -> dict[str, Any]:
+    """All steps of a scene on all cores: seconds, how busy the cores were, a row for every pass."""
+    sim = Simulation(load_config(scene, changes).config)
+    sim.step()  # the first launches
+    watch, first, active, moving, heat_steps = Watch(sim), sim.steps, 0, 0, 0
+    began, busy = time.perf_counter(), time.process_time()
+    with watch.watching():
+        while not sim.finished:
+            sim.step()
+            active, moving, heat_steps = active + sim.rows.hot, moving + sim.rows.mobile, heat_steps + 1
+    seconds, busy = time.perf_counter() - began, time.process_time() - busy
+    active, moving = round(active / heat_steps), round(moving / heat_steps)
+    block = Block(seconds, sim.steps - first, active, moving, watch.passes)
+    return {"seconds": seconds, "busy": busy / seconds, "passes": shares([block], active)}
+
+
+def limit(found: dict[str, Any], slower: dict[str, float]) -> dict[str, float]:
+    """Seconds that would be left of a `profile`; ``slower``: time of a pass over that of its version in C++."""
+    seconds = {row["pass"]: row["share of the time"] * found["seconds"] for row in found["passes"]}
+    passes = {name: s for name, s in seconds.items() if name != "Python and launches"}
+    at_cpp = sum(s / slower.get(WITH_CPP.get(name, ""), 1.0) for name, s in passes.items())
+    cores = machine()["cores"] or 1
+    return {
+        "steps, s": found["seconds"], "cores busy": found["busy"],
+        "without Python and launches, s": sum(passes.values()),
+        "and four passes at the speed of plain C++, s": at_cpp,
+        "and all cores busy, s": at_cpp * min(1.0, found["busy"] / cores),
+    }  # fmt: skip
