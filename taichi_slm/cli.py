@@ -321,7 +321,7 @@ def bench(
     ] = False,
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a Markdown page as well.")] = None,
 ) -> None:
-    """Measure this program on this machine: time against error, passes beside C++, skips, scaling, whole scenes, PySPH."""
+    """Measure this program on this machine: time against error, passes beside C++, skips, scaling, scenes, PySPH."""
     from taichi_slm.benchmark.bench import bench as measure
 
     report = measure(subject or (), out, quick, _wide_console())
