@@ -90,8 +90,6 @@ class Activity:
             self.surface.refresh()
         if self.flow is not None:
             self.flow.moved[None] = 0.0
-        if self.heat is not None:
-            self.heat.surroundings.look()
         self.stale = self.outgrown = False
         self.builds += 1
 
