@@ -116,7 +116,6 @@ class LaserBins:
         attenuation = size / depth
         floor = self.floor
         corners = [ti.Vector(c) for c in product((0, 1), repeat=d)]
-        Index = ti.types.vector(d - 1, ti.i32)
 
         @ti.func
         def share_of(a, node, place):
@@ -135,16 +134,32 @@ class LaserBins:
             return inside
 
         @ti.func
+        def column_of(x, y):
+            column = ti.Vector.zero(ti.i32, d - 1)
+            column[0] = x
+            if ti.static(d == 3):
+                column[1] = y
+            return column
+
+        @ti.func
         def place_of(a):
             return (ti.cast(state.position[a], ti.f64) - origin) * inverse
 
         @direct
         @ti.kernel
-        def deposit(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
+        def deposit(
+            hot: ti.i32,
+            first_x: ti.i32,
+            first_y: ti.i32,
+            lowest: ti.i32,
+            bottom: ti.f64,
+            alone: ti.template(),
+        ):
+            first = column_of(first_x, first_y)
             floor[None] = 1e30
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
-                for level in range(levels):
+                for level in range(lowest, levels):
                     node = self_node(column + first, level)
                     weight[node] = 0
                     power[node] = 0.0
@@ -170,17 +185,20 @@ class LaserBins:
         @direct
         @ti.kernel
         def march(
-            first: Index,
+            first_x: ti.i32,
+            first_y: ti.i32,
+            lowest: ti.i32,
             incident: ti.f64,
             faintest: ti.f64,
             fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1),
             alone: ti.template(),
         ):
+            first = column_of(first_x, first_y)
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)
-                for down in range(levels):
+                for down in range(levels - lowest):
                     node = self_node(column + first, levels - 1 - down)
                     if weight[node] > 0 and left > 1e-14:
                         filling = ti.min(ti.cast(1.0, ti.f64), ti.cast(weight[node], ti.f64) / UNIT)
@@ -192,7 +210,8 @@ class LaserBins:
 
         @direct
         @ti.kernel
-        def hand_back(hot: ti.i32, first: Index, bottom: ti.f64, alone: ti.template()):
+        def hand_back(hot: ti.i32, first_x: ti.i32, first_y: ti.i32, bottom: ti.f64, alone: ti.template()):
+            first = column_of(first_x, first_y)
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -206,7 +225,7 @@ class LaserBins:
                             received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
                 state.laser[a] = received
 
-        self._rows, self._schedule, self._index = rows, schedule, Index
+        self._rows, self._schedule = rows, schedule
         self._deposit, self._march, self._hand_back = deposit, march, hand_back
 
     def window(self, centre: tuple[float, ...]) -> tuple[int, ...]:
@@ -233,11 +252,15 @@ class LaserBins:
         ]
         bottom = -np.inf if self.whole else self.bottom()
         alone = self._schedule.plain(hot)
-        node = self._index(first)
-        self._deposit(hot, node, bottom, alone)
+        first_x, first_y = (*first, 0)[:2]
+        # below it nothing is deposited, and nothing handed back
+        lowest = math.floor((max(bottom, self.lower[-1]) - self.lower[-1]) / self.size)
+        self._deposit(hot, first_x, first_y, lowest, bottom, alone)
         fraction = np.ascontiguousarray(shares(self.laser, edges))
-        self._march(node, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone)
-        self._hand_back(hot, node, bottom, alone)
+        self._march(
+            first_x, first_y, lowest, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone
+        )
+        self._hand_back(hot, first_x, first_y, bottom, alone)
         return True
 
     def forget(self) -> None:
