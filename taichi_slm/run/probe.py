@@ -18,15 +18,17 @@ ROWS = 10_000
 
 def launch() -> dict[str, Any]:
     """What a kernel launch costs on the CPU [s], on how many threads, and where compiled kernels are kept."""
-    from taichi_slm.backend import start, ti
+    from taichi_slm.backend import direct, start, ti
 
     start("cpu")
     one, wide = ti.field(ti.f64, shape=()), ti.field(ti.f64, shape=4096)
 
+    @direct
     @ti.kernel
     def serial():
         one[None] = 1.0
 
+    @direct
     @ti.kernel
     def parallel():
         for i in wide:
