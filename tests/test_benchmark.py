@@ -56,12 +56,14 @@ def test_every_switch_of_performance_is_in_the_ablation():
     ("precision", "limit"), [("f64", 1e-12), pytest.param("f32", 1e-4, marks=pytest.mark.slow)]
 )
 def test_cpp_computes_the_same_numbers(precision, limit):
-    found = speed.beside_cpp(precision, quick=True)["rows"]
+    *found, together = speed.beside_cpp(precision, quick=True)["rows"]
     assert [row["pass"] for row in found] == ["momentum", "continuity", "colour", "conduction"]
     for row in found:
         assert row["largest difference"] < limit, row
         assert row["over c++"] > 0
         assert 10 < row["neighbours"] < 40
+    ratios = [row["over c++"] for row in found]
+    assert min(ratios) < together["over c++"] < max(ratios)
 
 
 def test_the_watch_sees_every_pass_and_leaves_no_trace():
