@@ -23,6 +23,8 @@ from typing import Any
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.benchmark.scenes import drop, track, warm, weld
+from taichi_slm.config.load import load_config
+from taichi_slm.config.schema import Config
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.case import Curve
 
@@ -41,12 +43,17 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
 
 
 def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, Any]:
-    """``count`` heat steps of a scene: "drop" of R/dx ``size``, "track" on a plate ``size`` times as deep."""
-    config = drop(int(size)) if scene == "drop" else track(6, plate=size, duration=1e-3)
+    """``count`` heat steps of a scene.
+
+    "drop" of R/dx ``size``, "track" on a plate ``size`` times as deep, "track_3d" on one as much wider and deeper.
+    """
+    config = {"drop": lambda: drop(int(size)), "track": lambda: track(6, plate=size, duration=1e-3),
+              "track_3d": lambda: _wide_track(size)}[scene]()  # fmt: skip
     sim = Simulation(config, threads=threads)
     if scene == "drop":
         warm(sim)
-    for _ in range(8 if scene == "drop" else 60):  # until there is a pool, and every kernel was launched
+    # until there is a pool, and every kernel was launched
+    for _ in range({"drop": 8, "track": 60, "track_3d": 120}[scene]):
         sim.step()
     before, began = sim.steps, time.perf_counter()
     for _ in range(count):
@@ -54,6 +61,11 @@ def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, An
     seconds = time.perf_counter() - began
     return {"particles": sim.scene.count, "active particles": sim.rows.hot, "moving particles": sim.rows.mobile,
             "us per flow step": 1e6 * seconds / (sim.steps - before)}  # fmt: skip
+
+
+def _wide_track(size: float) -> Config:
+    width, depth = 0.24e-3 * size, 0.1e-3 * size
+    return load_config("track_3d", [f"bodies.0.width={width}", f"bodies.0.depth={depth}"]).config
 
 
 def _in_turn(jobs: dict[str, dict[str, Any]], rounds: int, yardstick: Yardstick) -> list[dict[str, Any]]:
@@ -78,6 +90,12 @@ def _cold(
     rows = _in_turn(jobs, rounds, yardstick)
     findings.table("scaling_cold", "Cold metal under one pool", rows)
     _plot(findings, "scaling_cold", "Cold metal under one pool", rows, "us per flow step")
+    wide = {f"track_3d, plate x {size:g}": {"scene": "track_3d", "size": size, "count": 20 if quick else 60}
+            for size in ((1.0, 1.5) if quick else (1.0, 1.6, 2.4))}  # fmt: skip
+    rows = _in_turn(wide, 1 if quick else 2, yardstick)
+    findings.table("scaling_cold_3d", "Cold metal around a track in 3-D", rows,
+                   "The shipped scene on plates that are so many times as wide and as deep. From 100,000 particles on "
+                   "lists lie in blocks that take memory on demand, and cost more to read.")  # fmt: skip
 
 
 def _size(findings: Findings, rounds: int, resolutions: tuple[int, ...], yardstick: Yardstick) -> None:

@@ -135,6 +135,8 @@ class Simulation:
         span, steps = self._choose(until - self.time)
         centre = self._beam_centre(self.time, self.time + span)
         self.activity.beam_at(centre)
+        if self.heat is not None:
+            self.activity.heat_reaches(self.limits.heat_reach(span, self.hottest))
         dt = span / steps
         for number in range(steps):
             self._follow_programs(self.time + (number + 0.5) * dt)

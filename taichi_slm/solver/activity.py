@@ -48,6 +48,8 @@ class Activity:
         self._lit_centre: tuple[float, ...] | None = None
         self._next_centre: tuple[float, ...] | None = None
         self._last_centre: tuple[float, ...] | None = None  # of the beam when it was last on
+        self._rim = 0.0  # how far heat comes in the next heat step [m]
+        self._rings = 0  # cells that the hot set was grown by for that
         self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
         self._box: Any = ti.types.vector(state.dimension, ti.f64)
 
@@ -72,6 +74,12 @@ class Activity:
                 self.outgrown = True
         self._last_centre = centre
         if self._lit_centre is None or math.dist(centre, self._lit_centre) > self._margin:
+            self.outgrown = True
+
+    def heat_reaches(self, rim: float) -> None:
+        """Tell how far heat comes in the next heat step [m]; if that is farther than the hot set, it is outgrown."""
+        self._rim = rim
+        if self.rows.rings(rim) > self._rings:
             self.outgrown = True
 
     def build(self) -> None:
@@ -103,7 +111,8 @@ class Activity:
         """Choose both sets of rows from all particles."""
         self.cells.build(WARM_FROM, self.rest)
         self._check_cells()
-        self.rows.choose_hot(self._all_hot, self._lit_box())
+        self._rings = self.rows.rings(self._rim)
+        self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
         self.rows.gather(self._all_flow)
         self.choices += 1
 

@@ -82,7 +82,7 @@ class Model:
         lower, upper = scene.lower - margin, scene.upper + margin
         widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
         cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, schedule)
-        self.rows = Neighbours(state, cells, near, far, self.limits.heat_reach(), dx, schedule)
+        self.rows = Neighbours(state, cells, near, far, dx, schedule)
         self.bins = None
         if config.laser and needs.heat:
             whole = not config.performance.skip_dark

@@ -92,10 +92,9 @@ class StepLimits:
         longer = euler_steps(self._numerics.heat_stages) if self._numerics.heat_scheme == "rkl2" else 1.0
         return longer * self.euler(hottest)
 
-    def heat_reach(self) -> float:
-        """How far heat comes in one step of the heat scheme [m]: five standard deviations, 6e-7 of it beyond."""
-        steps = euler_steps(self._numerics.heat_stages) if self._numerics.heat_scheme == "rkl2" else 1.0
-        return 5.0 * math.sqrt(2.0 * self._numerics.heat_factor * steps) * self.h
+    def heat_reach(self, span: float, hottest: float) -> float:
+        """How far heat comes in a heat step of ``span`` [s]: [m], five standard deviations, 6e-7 of it beyond."""
+        return 5.0 * math.sqrt(2.0 * self._numerics.heat_factor * span / self.euler(hottest)) * self.h
 
     def without_waste(self, span: float, hottest: float) -> float:
         """The heat step [s], at most ``span``, that gets the most out of its last pair of stages."""

@@ -27,16 +27,16 @@ HOT, CORE = 1, 2  # bits of a cell's zone
 class Neighbours:
     """Rows and lists; ``mobile``, ``flow`` and ``hot`` are the host's copies of the group ends.
 
-    ``near``, ``far`` [m]: radii of the lists, with the skin; ``rim`` [m]: how far beyond the active cells particles
-    count as hot, which is as far as heat can come in one heat step.
+    ``near``, ``far`` [m]: radii of the lists, with the skin.
     Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``; who never has one takes no memory (`Blocks`).
     """
 
-    def __init__(self, state: State, cells: Cells, near: float, far: float | None, rim: float, dx: float,
-                 schedule: Schedule):  # fmt: skip
+    def __init__(
+        self, state: State, cells: Cells, near: float, far: float | None, dx: float, schedule: Schedule
+    ):
         d, n = state.dimension, state.count
         reach = cells.reach(far or near)
-        self._growth = max(0, cells.reach(rim) - reach)
+        self._reach, self._cells = reach, cells
         ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
         self.near_capacity = int(1.5 * ball(near / dx)) + 12
         self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
@@ -278,11 +278,18 @@ class Neighbours:
 
         return search, settle, renew
 
-    def choose_hot(self, everything: bool, beam: tuple[Any, Any]) -> None:
-        """Choose the hot rows from cells just built; ``beam``: corners [m] of the box in which particles are lit."""
+    def rings(self, rim: float) -> int:
+        """Cells beyond those that a search reaches, for a rim of ``rim`` [m]."""
+        return max(0, self._cells.reach(rim) - self._reach)
+
+    def choose_hot(self, everything: bool, beam: tuple[Any, Any], rings: int) -> None:
+        """Choose the hot rows from cells just built: those within reach of the active cells, and ``rings`` more cells.
+
+        ``beam``: corners [m] of the box in which particles are lit.
+        """
         alone = self._schedule.plain(self._zone.shape[0])
         self._spread(alone)
-        for _ in range(self._growth):
+        for _ in range(rings):
             self._grow(alone)
         self._choose(int(everything), *beam)
         self.hot = int(self._ends[2])
