@@ -37,7 +37,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     _cold(findings, rounds, (1, 3) if quick else (1, 3, 10), quick, yardstick)
     _size(findings, rounds, (10, 20) if quick else (10, 20, 40, 80), yardstick)
     _threads(findings, rounds, quick, yardstick)
-    _memory(findings, (20, 100) if quick else (40, 200), yardstick)
+    _memory(findings, {2: (20, 100), 3: (6, 12)} if quick else {2: (40, 200), 3: (10, 24)}, yardstick)
     _cold_memory(findings, (600e-6, 800e-6) if quick else (600e-6, 1200e-6), yardstick)
     _start(findings, 2 if quick else 5, yardstick)
 
@@ -117,9 +117,9 @@ def _threads(findings: Findings, rounds: int, quick: bool, yardstick: Yardstick)
     findings.table("scaling_threads", "Threads", rows)
 
 
-def memory(resolution: int, precision: str) -> dict[str, Any]:
+def memory(resolution: int, precision: str, dimension: int) -> dict[str, Any]:
     """A drop after a step: its particles, the bytes of its fields and lists, and the process's peak."""
-    sim = Simulation(drop(resolution), threads=1, precision=precision)
+    sim = Simulation(drop(resolution, dimension=dimension), threads=1, precision=precision)
     sim.step()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT  # before the copies below
     fields = sum(sim.state.array(name).nbytes for name in sim.state.names)
@@ -128,25 +128,28 @@ def memory(resolution: int, precision: str) -> dict[str, Any]:
     return {"particles": sim.scene.count, "fields": fields, "lists": lists, "peak": peak}
 
 
-def _memory(findings: Findings, resolutions: tuple[int, int], yardstick: Yardstick) -> None:
+def _memory(findings: Findings, resolutions: dict[int, tuple[int, int]], yardstick: Yardstick) -> None:
     rows = []
-    for precision in ("f64", "f32"):
+    for dimension, precision in ((d, precision) for d in resolutions for precision in ("f64", "f32")):
         few, many = (
-            in_its_own_process("benchmark.scaling:memory", resolution=n, precision=precision)
-            for n in resolutions
+            in_its_own_process(
+                "benchmark.scaling:memory", resolution=n, precision=precision, dimension=dimension
+            )
+            for n in resolutions[dimension]
         )
         yardstick.measure()
+        row: dict[str, Any] = {"drop": f"{dimension}-D", "precision": precision}
         if "failure" in few or "failure" in many:
-            rows.append({"precision": precision, "failure": few.get("failure") or many.get("failure")})
+            rows.append(row | {"failure": few.get("failure") or many.get("failure")})
             continue
         more = many["particles"] - few["particles"]
-        rows.append({
-            "precision": precision, "particles": many["particles"], "fields, bytes per particle":
+        rows.append(row | {
+            "particles": many["particles"], "fields, bytes per particle":
             many["fields"] / many["particles"], "neighbour lists, bytes per particle":
             many["lists"] / many["particles"], "process, bytes per further particle":
             (many["peak"] - few["peak"]) / more, "process, MB": many["peak"] / 1e6,
         })  # fmt: skip
-    findings.table("scaling_memory", "Memory of a 2-D drop with heat, flow and surface tension", rows,
+    findings.table("scaling_memory", "Memory of a drop with heat, flow and surface tension: all of it moves", rows,
                    "The further particles are those of the larger drop over those of a smaller one; the process's "
                    "peak holds what is copied while a scene is built as well.")  # fmt: skip
 

@@ -40,11 +40,12 @@ def weld(width: float) -> Config:
     )  # fmt: skip
 
 
-def drop(resolution: int = 40, end: float = 1e-4, **changes: Any) -> Config:
-    """A liquid steel drop of R 50 um (2-D) with heat, surface tension and Marangoni flow; ``resolution`` is R/dx."""
+def drop(resolution: int = 40, end: float = 1e-4, dimension: int = 2, **changes: Any) -> Config:
+    """A liquid steel drop of R 50 um with heat, surface tension and Marangoni flow; ``resolution`` is R/dx."""
     scene = {
+        "dimension": dimension,
         "spacing": 50 * UM / resolution,
-        "bodies": [{"shape": "droplet", "material": "steel_304", "centre": [0.0, 0.0], "radius": 50 * UM,
+        "bodies": [{"shape": "droplet", "material": "steel_304", "centre": dimension * [0.0], "radius": 50 * UM,
                     "temperature": 2400.0}],
         "physics": {"radiation": False, "viscous_heating": False},
         "numerics": {"sound_speed": 50},

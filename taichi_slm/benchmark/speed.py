@@ -5,6 +5,11 @@ Blocks of steps are run with a clock on every pass and without one, in turn; ste
 particle of the lists over which a pass runs: the moving ones, those beside them, or all with work, as the pass
 needs. "Python and launches" is what is left of a step when all passes are taken away. A launch that took more than
 five times as long as its like was stalled by another process, and counts as five.
+
+What is summed from the same state is one loop already: pressure, viscosity, wall forces and shift; divergence,
+diffusion, Shepard sum and packing. These passes cannot be one: each needs what the pass before it wrote to the
+neighbours (moved places and pressures, surface forces, kicked velocities). So the step that stands beside the unfused
+one in C++ is this one: "all of them, once each".
 """
 
 import statistics
