@@ -5,6 +5,7 @@ import pytest
 
 from taichi_slm import backend
 from taichi_slm.backend import direct, ti
+from taichi_slm.benchmark.drops import started
 from taichi_slm.benchmark.measure import in_its_own_process
 from taichi_slm.benchmark.scenes import track
 from taichi_slm.run.simulation import Simulation
@@ -53,6 +54,38 @@ def test_only_the_first_launch_of_a_variant_is_taichis_own(monkeypatch):
     for twice in (False, True, False, True, False):
         add(1, 1.0, twice, np.zeros(1))
     assert len(launches) == 2
+
+
+def test_a_kernel_that_does_not_compile_says_where():
+    """`_short_places` leaves out the drawing of the line, not file, number and text."""
+    backend.start(threads=1)
+
+    @ti.kernel
+    def broken():
+        nobody_knows_this()  # noqa: F821
+
+    with pytest.raises(ti.TaichiCompilationError, match=r'test_backend.py", line \d+, in broken') as raised:
+        broken()
+    assert "nobody_knows_this()" in str(raised.value)
+
+
+def test_a_compiled_flow_compiles_nothing_more(monkeypatch):
+    """`bench peers` times steps after `compile`; what was left to the first one took half of a small drop's time."""
+    sim = started("elliptic", 10, "rings", 1.0)
+    sim.compile()
+    kernel = ti.lang.kernel_impl.Kernel
+    materialize, compiled = kernel.materialize, []
+
+    def watch(self, key, **rest):
+        if key not in self.compiled_kernels:
+            compiled.append(self.func.__name__)
+        return materialize(self, key, **rest)
+
+    monkeypatch.setattr(kernel, "materialize", watch)
+    for _ in range(20):
+        sim.step()
+    assert sim.activity.builds > 2
+    assert compiled == []
 
 
 def test_a_direct_launch_survives_a_new_start():

@@ -14,7 +14,7 @@ from taichi_slm.materials.tables import PropertyTables
 
 
 class MaterialTables:
-    """The tables as fields of shape [material, knot], and the functions that read them.
+    """The tables as fields, of shape [property, material, knot] and such, and the functions that read them.
 
     A table has three segments (solid, mushy, liquid) with equally spaced knots, so a look-up is a comparison and a
     division, and the solidus and liquidus are knots: kinks stay sharp.
@@ -24,7 +24,8 @@ class MaterialTables:
         count = tables.segment_start.shape[0]
         bases = np.asarray(tables.segment_base, np.int32)  # first knot of each segment, and the last knot
         self._names = names
-        self.values = {name: self._field(getattr(tables, name), real) for name in names}
+        # one field: each is filled by a kernel of its own, which takes 20 ms to start
+        self.values = self._field(np.stack([getattr(tables, name) for name in names]), real)
         start = self._field(tables.segment_start, real)
         heat_start = self._field(tables.enthalpy_start, ti.f64)
         inverse_heat = self._field(tables.temperature_of_enthalpy, ti.f64)
@@ -76,10 +77,10 @@ class MaterialTables:
 
     def reader(self, name: str) -> Any:
         """The Taichi function (m, knot, fraction) -> property ``name``."""
-        table = self.values[name]
+        values, number = self.values, self._names.index(name)
 
         @ti.func
         def read(m, knot, fraction):
-            return (1.0 - fraction) * table[m, knot] + fraction * table[m, knot + 1]
+            return (1.0 - fraction) * values[number, m, knot] + fraction * values[number, m, knot + 1]
 
         return read

@@ -72,10 +72,13 @@ class Simulation:
         self.guards = Guards(self)
 
     def compile(self) -> None:
-        """Compile every kernel by launching it over no particles; then find the neighbours."""
+        """Compile the kernels of a step by launching them over no particles; then find the neighbours."""
         began = time.perf_counter()
         if self.flow_step is not None:
             self.flow_step.advance(0.0)
+            self.activity.cells.follow(self.rows.rows, 0)
+        if self.surface is not None:
+            self.surface.refresh()
         if self.heat is not None:
             if self.bins is not None and self.beam is not None:
                 self.bins.absorb(self.beam.position(0.0), 1e-300)

@@ -33,10 +33,12 @@ def load_initial_state(model: Model) -> Beginning:
     density = look_up(tables, "density", m, T) + _hydrostatic_excess(model, mobile)
     mass = density * scene.volume
     velocity = np.where(mobile[:, None], _initial_velocity(model, density), 0.0)
-    state.load(
-        position=scene.position, temperature=T, material=m, mass=mass, density=density, volume=scene.volume,
-        kind=WALL * scene.wall + HELD * scene.held, velocity=velocity, mobility=np.where(mobile, MOBILE, STILL),
-    )  # fmt: skip
+    start = {
+        "position": scene.position, "temperature": T, "material": m, "mass": mass, "density": density,
+        "volume": scene.volume, "kind": WALL * scene.wall + HELD * scene.held, "velocity": velocity,
+        "mobility": np.where(mobile, MOBILE, STILL),
+    }  # fmt: skip
+    state.load(**{name: values for name, values in start.items() if np.any(values)})  # the others are zero
     if state.needs.heat:
         H = _enthalpy(tables, m, T)
         state.load(enthalpy=H, enthalpy_initial=H)
