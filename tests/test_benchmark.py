@@ -9,6 +9,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from taichi_slm.benchmark import accuracy, bench, reach, skips, speed
+from taichi_slm.benchmark.goals import GOALS, asked_and_reached
 from taichi_slm.benchmark.measure import in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
 from taichi_slm.benchmark.passes import Pass, Watch
@@ -180,6 +181,45 @@ def test_files_and_page(tmp_path, monkeypatch):
     page = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert "| 1.5 | x\\|y |  |" in page
     assert page.count("images/performance/some.png") == 2
+
+
+def _report(**tables):
+    made = [{"name": name, "columns": list(rows[0]), "rows": [list(row.values()) for row in rows]}
+            for name, rows in tables.items()]  # fmt: skip
+    return {"subjects": {"one": {"tables": made}}}
+
+
+def test_a_goal_is_judged_by_the_worst_of_its_numbers():
+    """At most: the largest; at least: the smallest; rows of others, without a number or left out do not count."""
+    cpp = [
+        {"compiler": "taichi", "precision": "f64", "pass": "momentum", "over c++": 1.5},
+        {"compiler": "taichi", "precision": "f64", "pass": "colour", "over c++": 2.5},
+        {"compiler": "taichi", "precision": "f64", "pass": "all of them, once each", "over c++": 1.25},
+        {"compiler": "taichi", "precision": "f32", "pass": "colour", "over c++": 9.0},
+    ]
+    peers = [
+        {"drop": "square", "time of a step": 30.0},
+        {"drop": "square", "time of a step": 12.0},
+        {"drop": "elliptic", "time of a step": None},
+    ]
+    scenes = [
+        {"scene": "a", "asked, s": 20.0, "wall, s": 10.0},
+        {"scene": "b", "asked, s": None, "wall, s": 5.0},
+    ]
+    rows = asked_and_reached(_report(speed_cpp=cpp, peers_steps=peers, reach_runs=scenes))
+    assert [(row["asked"], row["reached"], row["kept"]) for row in rows] == [
+        ("at most 20", 10.0, "yes"),
+        ("at most 2", 2.5, "no"),
+        ("at most 1.4", 1.25, "yes"),
+        ("at least 10", 12.0, "yes"),
+    ]
+
+
+def test_the_page_has_a_number_for_every_goal():
+    """So that no goal reads a table or a column that is called otherwise by now."""
+    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    for goal in GOALS:
+        assert f"| {goal.what} | {goal.bound} {goal.asked:g} | " in page
 
 
 def test_a_wrong_subject_is_named():

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+PAPER_RUN = "all off, paper's steps"  # among the skips
 NO_SKIPS: dict[str, Any] = {
     "skip_solid": False, "skip_cold": False, "skip_interior": False, "skip_dark": False, "heat_clock": False,
     "keep_neighbours": False, "stop_finished": False,

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from taichi_slm.benchmark.goals import asked_and_reached
 from taichi_slm.output.atomic import make_folder, write_text
 from taichi_slm.verification.case import Curve, Plot
 
@@ -91,6 +92,12 @@ def write_page(report: dict[str, Any], page: Path) -> None:
         "Every number was measured. Those of one table come from one run on one machine; what is compared was measured "
         "in turn, and ratios are medians over the turns. Seconds drift with the machine, ratios do not.", "",
     ]  # fmt: skip
+    goals = Findings()
+    goals.table("goals", "Asked and reached", asked_and_reached(report),
+                "On two cores and in f64; each number is from a table below, of several the worst. Why one is not "
+                'kept: "Where the time goes" and "What would be left of the steps".')  # fmt: skip
+    if goals.tables[0].rows:
+        head += _lines(goals.to_json()["tables"][0], "##")
 
     def opening(name: str, subject: dict[str, Any]) -> list[str]:
         said = [f"`taichi-slm bench {name}`, {subject['seconds']:.0f} s. ", _where(subject)]
@@ -109,8 +116,7 @@ def write_subjects(report: dict[str, Any], page: Path, images: str, head: Sequen
     for name, subject in report["subjects"].items():
         lines += [f"## {subject['title']}", "", *opening(name, subject)]
         for table in subject["tables"]:
-            lines += [f"### {table['title']}", "", *([table["note"], ""] if table["note"] else [])]
-            lines += [*_markdown(table), ""]
+            lines += _lines(table, "###")
         draw_plots(subject, page.parent / "images" / images)
         for plot in subject["plots"]:
             lines += [f"![{plot['title']}](images/{images}/{plot['name']}.png)", ""]
@@ -127,8 +133,10 @@ def _where(subject: dict[str, Any]) -> str:
     )
 
 
-def _markdown(table: dict[str, Any]) -> list[str]:
-    lines = ["| " + " | ".join(table["columns"]) + " |", "|" + "---|" * len(table["columns"])]
+def _lines(table: dict[str, Any], heading: str) -> list[str]:
+    """``table`` in Markdown under a ``heading`` of that depth."""
+    lines = [f"{heading} {table['title']}", "", *([table["note"], ""] if table["note"] else [])]
+    lines += ["| " + " | ".join(table["columns"]) + " |", "|" + "---|" * len(table["columns"])]
     for row in table["rows"]:
         lines.append("| " + " | ".join(number(cell).replace("|", "\\|") for cell in row) + " |")
-    return lines
+    return [*lines, ""]

@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 
 from taichi_slm.benchmark.measure import Yardstick, processes_in_turn
-from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_STEPS
+from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_RUN, PAPER_STEPS
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.benchmark.scenes import track
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.verification.pools import pool_now
 
 ON, ALL_OFF, ROUND_OFF = "all on", "all off", "round-off only"
-PAPER = "all off, paper's steps"
 EXACT, SCATTER = (
     (1e-4, 0.05, 0.1),
     (0.02, 1.0, 2.0),
@@ -43,8 +42,10 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
         switches |= {f"{name} off": {name: value} for name, value in NO_SKIPS.items() if flow or _heats(name)}
         switches[ALL_OFF] = dict(NO_SKIPS)
         jobs = {name: {"switches": off, "flow": flow, "quick": quick} for name, off in switches.items()}
-        jobs[PAPER] = jobs[ALL_OFF] | {"numerics": PAPER_STEPS}
-        found = processes_in_turn(jobs, "benchmark.skips:melt", 2 if quick else 5, yardstick, once=(PAPER,))
+        jobs[PAPER_RUN] = jobs[ALL_OFF] | {"numerics": PAPER_STEPS}
+        found = processes_in_turn(
+            jobs, "benchmark.skips:melt", 2 if quick else 5, yardstick, once=(PAPER_RUN,)
+        )
         scene = "with flow" if flow else "heat alone"
         rows += [{"scene": scene, "skips": name, **_compared(name, found[name], found[ON])} for name in found]
     findings.table("skips", "One skip off at a time", rows, NOTE)
@@ -84,7 +85,7 @@ def _compared(name: str, runs: list[dict[str, Any]], reference: list[dict[str, A
     return {
         "particles": first["particles"], "flow steps": first["steps"], "seconds": statistics.median(seconds),
         "time over all on": statistics.median(times), **differences,
-        "as expected": "" if name == PAPER else expected,  # that has another form of latent heat, too
+        "as expected": "" if name == PAPER_RUN else expected,  # that has another form of latent heat, too
     }  # fmt: skip
 
 

@@ -1,0 +1,113 @@
+"""What was asked of this program's speed, beside what a report says of it.
+
+A goal reads its number from the tables of a report, so that nothing is written twice; of several numbers it takes the
+worst. One whose table was not measured has none.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from taichi_slm.benchmark.paper import PAPER_RUN
+
+AT_MOST, AT_LEAST = "at most", "at least"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A number that was asked for, and the cells of a report that hold it: ``column`` of the rows like ``rows``."""
+
+    what: str
+    bound: str  # AT_MOST or AT_LEAST
+    asked: float
+    table: str
+    column: str
+    rows: dict[str, str | int]
+    but: tuple[str, ...] = ()  # values of a row's cells that leave it out
+
+    def reached(self, report: dict[str, Any]) -> float | None:
+        """The worst of its cells; None where the report has none."""
+        cells = [
+            row[self.column] for row in _rows(report, self.table)
+            if all(row.get(name) == value for name, value in self.rows.items())
+            and row.get(self.column) is not None and not set(self.but) & set(row.values())
+        ]  # fmt: skip
+        if not cells:
+            return None
+        return float(max(cells) if self.bound == AT_MOST else min(cells))
+
+    def met(self, value: float) -> bool:
+        """Whether ``value`` keeps the bound."""
+        return value <= self.asked if self.bound == AT_MOST else value >= self.asked
+
+
+def asked_and_reached(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for every goal that the content of bench.json has a number for."""
+    rows = []
+    for goal in (*_scenes(report), *GOALS):
+        value = goal.reached(report)
+        if value is not None:
+            rows.append({"what": goal.what, "asked": f"{goal.bound} {goal.asked:g}", "reached": value,
+                         "kept": "yes" if goal.met(value) else "no"})  # fmt: skip
+    return rows
+
+
+def _rows(report: dict[str, Any], name: str) -> Iterator[dict[str, Any]]:
+    for subject in report["subjects"].values():
+        for table in subject["tables"]:
+            if table["name"] == name:
+                for cells in table["rows"]:
+                    yield dict(zip(table["columns"], cells, strict=True))
+
+
+def _scenes(report: dict[str, Any]) -> list[Goal]:
+    """Whole scenes: what was asked stands beside what was reached."""
+    return [
+        Goal(f"{row['scene']}, to the last picture, s", AT_MOST, row["asked, s"], "reach_runs", "wall, s",
+             {"scene": row["scene"]})
+        for row in _rows(report, "reach_runs") if row.get("asked, s")
+    ]  # fmt: skip
+
+
+def _cpp(compiler: str, a_pass: float, together: float) -> list[Goal]:
+    whole = "all of them, once each"
+    rows: dict[str, str | int] = {"compiler": compiler, "precision": "f64"}
+    return [
+        Goal(f"each neighbour pass over plain C++, {compiler}", AT_MOST, a_pass, "speed_cpp", "over c++", rows,
+             (whole,)),
+        Goal(f"the passes of a step over plain C++, {compiler}", AT_MOST, together, "speed_cpp", "over c++",
+             rows | {"pass": whole}),
+    ]  # fmt: skip
+
+
+def _pysph(drop: str) -> list[Goal]:
+    rows: dict[str, str | int] = {"drop": drop}
+    return [
+        Goal(f"PySPH, {drop} drop, a step: times as long", AT_LEAST, 10.0, "peers_steps", "time of a step", rows),
+        Goal(f"PySPH, {drop} drop, to an equal or smaller error: times as long", AT_LEAST, 20.0, "peers_error",
+             "time to an equal or smaller error", rows),
+    ]  # fmt: skip
+
+
+def _start(what: str, seconds: float, row: str) -> Goal:
+    return Goal(f"{what}, s", AT_MOST, seconds, "scaling_start", "seconds", {"what": row})
+
+
+GOALS = (
+    Goal("a track without skips at the paper's steps: times as long", AT_LEAST, 20.0, "skips", "time over all on",
+         {"scene": "with flow", "skips": PAPER_RUN}),
+    *_cpp("taichi", 2.0, 1.4),
+    *_cpp("quadrants", 1.1, 0.8),
+    *_pysph("square"),
+    *_pysph("elliptic"),
+    Goal("ten times as much cold plate: times as long", AT_MOST, 1.1, "scaling_cold", "time over the first",
+         {"scene": "plate x 10"}),
+    _start("--help", 0.3, "taichi-slm --help"),
+    _start("validate", 1.0, "taichi-slm validate"),
+    _start("process to first step, warm", 3.0, "process to first step, kernels in the cache"),
+    _start("process to first step, cold", 15.0, "process to first step, no kernels in the cache"),
+    Goal("a cold particle in 3-D, bytes", AT_MOST, 500.0, "scaling_memory_cold",
+         "process, bytes per further cold particle", {"precision": "f64"}),
+    Goal("a mobile particle in 3-D, bytes", AT_MOST, 2000.0, "scaling_memory", "process, bytes per further particle",
+         {"drop": "3-D", "precision": "f64"}),
+)  # fmt: skip
