@@ -1,6 +1,6 @@
 """The one place where Taichi is imported, and it is loaded only when a kernel is built; and its threads.
 
-Modules that define kernels write ``from taichi_slm.backend import direct, so, ti`` and use ``ti`` inside functions only
+Modules that define kernels write ``from taichi_slm.backend import direct, ti`` and use ``ti`` inside functions only, so
 that importing them (for a stable time step, a docstring, a test of the imports) costs nothing.
 """
 
@@ -59,9 +59,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     before = _own_threads()
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints a greeting, which is nobody's output
         ti.init(**options)
-    if (
-        ti.lang.impl.current_cfg().arch != options["arch"]
-    ):  # Taichi says so on stdout at most, and takes the CPU
+    # Taichi says so on stdout at most, and takes the CPU
+    if ti.lang.impl.current_cfg().arch != options["arch"]:
         raise ConfigError(f"--arch {arch}: this machine cannot do that; taichi-slm doctor says what works")
     if arch == "cpu" and threads != 1:
         _spread(_own_threads() - before)
@@ -103,7 +102,7 @@ def _spread(threads: set[int]) -> None:
             os.sched_setaffinity(thread, {processors[number % len(processors)]})
 
 
-ON_DEMAND_FROM = 100_000  # particles; below, all of a scene's memory is some 200 MB and an access 10 % faster
+ON_DEMAND_FROM = 400_000  # particles; below, all of a scene's memory is at most 1 GB, and a step 20 % faster
 BLOCK = 64  # particles of a block
 
 
@@ -176,17 +175,15 @@ def direct(kernel: Any) -> Callable[..., None]:
     templates = [index for index, sort in enumerate(sorts) if sort == "template"]
     values = [index for index, sort in enumerate(sorts) if sort != "template"]
     handed = [(index, (place,), sorts[index]) for place, index in enumerate(values)]
-    compiled: dict[
-        tuple[Any, ...], tuple[Any, Any, Any]
-    ] = {}  # by template arguments: program, its kernel, code
+    # by template arguments: program, its kernel, code
+    compiled: dict[tuple[Any, ...], tuple[Any, Any, Any]] = {}
 
     @functools.wraps(kernel)
     def launch(*arguments: Any) -> None:
         key = tuple([arguments[index] for index in templates])
         program, lowered, code = compiled.get(key, (None, None, None))
-        if program is not runtime().prog or len(arguments) != len(
-            sorts
-        ):  # the first, or one of a later ti.init
+        # the first launch, or the first after a later ti.init
+        if program is not runtime().prog or len(arguments) != len(sorts):
             kernel(*arguments)
             if not ti.lang.impl.current_cfg().debug:
                 compiled[key] = _compiled(kernel._primal, arguments)
@@ -200,9 +197,8 @@ def direct(kernel: Any) -> Callable[..., None]:
                 context.set_arg_float(place, value)
             else:
                 assert value.flags.c_contiguous
-                context.set_arg_external_array_with_shape(
-                    place, value.ctypes.data, value.nbytes, value.shape, 0
-                )
+                data, size, shape = value.ctypes.data, value.nbytes, value.shape
+                context.set_arg_external_array_with_shape(place, data, size, shape, 0)
         program.launch_kernel(code, context)
 
     return launch

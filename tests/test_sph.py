@@ -174,7 +174,10 @@ def active(rows):
 
 
 def check_lists(sim, near, far):
-    """Rows are groups of distinct particles; their lists are those of a brute-force search at this instant."""
+    """Rows are groups of distinct particles; their lists are those of a brute-force search at this instant.
+
+    Lists among still particles end with the kernel: there is no skin for what does not move.
+    """
     rows, x = sim.rows, sim.position
     mobility = sim.state.array("mobility")
     order = active(rows)
@@ -183,7 +186,8 @@ def check_lists(sim, near, far):
     assert (mobility[order[rows.mobile :]] == STILL).all()
     tree = cKDTree(x)
     mine = listed(rows, order)
-    for a, found in zip(order, tree.query_ball_point(x[order], near), strict=True):
+    radius = np.where(np.arange(len(order)) < rows.flow, near, sim.disc.flow_kernel.support)
+    for a, found in zip(order, tree.query_ball_point(x[order], radius), strict=True):
         assert mine[int(a)] == set(found) - {int(a)}
     shell = order[: rows.flow]
     outer = listed(rows, shell, "far")
@@ -278,6 +282,15 @@ def test_rows_of_a_half_molten_block(half_molten):
     assert displaced[mobile].max() > 0
     # a row may leave the skin during the one step after which its list is made anew
     assert displaced[mobile].max() < 0.6 * half_molten.performance.skin * half_molten.spacing
+
+
+def test_lists_among_still_particles_have_no_skin(configure):
+    """A third of a cubic lattice's: 56 neighbours within the support 2.4 dx, 80 within the skin."""
+    box = {"shape": "box", "corner": [0, 0, 0], "size": [60 * UM, 60 * UM, 60 * UM], "temperature": 900}
+    sim = Simulation(configure(dimension=3, spacing=5 * UM, bodies=[{**STEEL_BOX, **box}]))
+    sim.compile()
+    check_lists(sim, *radii(sim))
+    assert np.bincount(sim.rows.near_count.to_numpy()).argmax() == 56
 
 
 def test_lists_that_follow_are_those_chosen_anew(half_molten):

@@ -38,7 +38,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     _size(findings, rounds, (10, 20) if quick else (10, 20, 40, 80), yardstick)
     _threads(findings, rounds, quick, yardstick)
     _memory(findings, {2: (20, 100), 3: (6, 12)} if quick else {2: (40, 200), 3: (10, 24)}, yardstick)
-    _cold_memory(findings, (600e-6, 800e-6) if quick else (600e-6, 1200e-6), yardstick)
+    _cold_memory(findings, (800e-6, 1000e-6) if quick else (800e-6, 1200e-6), yardstick)
     _start(findings, 2 if quick else 5, yardstick)
 
 
@@ -91,10 +91,10 @@ def _cold(
     findings.table("scaling_cold", "Cold metal under one pool", rows)
     _plot(findings, "scaling_cold", "Cold metal under one pool", rows, "us per flow step")
     wide = {f"track_3d, plate x {size:g}": {"scene": "track_3d", "size": size, "count": 20 if quick else 60}
-            for size in ((1.0, 1.5) if quick else (1.0, 1.6, 2.4))}  # fmt: skip
+            for size in ((1.0, 1.5) if quick else (1.0, 1.6, 2.4, 3.0))}  # fmt: skip
     rows = _in_turn(wide, 1 if quick else 2, yardstick)
     findings.table("scaling_cold_3d", "Cold metal around a track in 3-D", rows,
-                   "The shipped scene on plates that are so many times as wide and as deep. From 100,000 particles on "
+                   "The shipped scene on plates that are so many times as wide and as deep. From 400,000 particles on "
                    "lists lie in blocks that take memory on demand, and cost more to read.")  # fmt: skip
 
 

@@ -76,13 +76,14 @@ class Model:
         self.ledger = Ledger(d)
 
         skin = config.performance.skin * dx
-        near = disc.flow_kernel.support + skin
+        still = disc.flow_kernel.support
+        near = still + skin
         far = disc.surface_kernel.support + skin if needs.surface and needs.flow else None
         margin = 2.0 * dx
         lower, upper = scene.lower - margin, scene.upper + margin
         widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
         cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, schedule)
-        self.rows = Neighbours(state, cells, near, far, dx, schedule)
+        self.rows = Neighbours(state, cells, still, near, far, dx, schedule)
         self.bins = None
         if config.laser and needs.heat:
             whole = not config.performance.skip_dark

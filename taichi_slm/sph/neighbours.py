@@ -8,7 +8,7 @@ Two sets of rows:
 
 A row has a list of the particles within the `near` radius (flow and heat); flow rows have a second one for the shell
 between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a particle has moved
-by half of it. A list among still particles is good for ever, so it is searched once.
+by half of it. A list among still particles is good for ever, so it is searched once, and without a skin.
 """
 
 from typing import Any
@@ -27,13 +27,14 @@ HOT, CORE = 1, 2  # bits of a cell's zone
 class Neighbours:
     """Rows and lists; ``mobile``, ``flow`` and ``hot`` are the host's copies of the group ends.
 
-    ``near``, ``far`` [m]: radii of the lists, with the skin.
+    ``near``, ``far`` [m]: radii of the lists, with the skin; ``still`` [m]: of those among still particles.
     Lists are indexed by particle: ``near[a, j]``, j < ``near_count[a]``; who never has one takes no memory (`Blocks`).
     """
 
     def __init__(
-        self, state: State, cells: Cells, near: float, far: float | None, dx: float, schedule: Schedule
-    ):
+        self, state: State, cells: Cells, still: float, near: float, far: float | None, dx: float,
+        schedule: Schedule,
+    ):  # fmt: skip
         d, n = state.dimension, state.count
         reach = cells.reach(far or near)
         self._reach, self._cells = reach, cells
@@ -60,7 +61,7 @@ class Neighbours:
         self._schedule, self._needs = schedule, state.needs
         self._spread, self._grow, self._choose = self._compile_hot(state, cells, reach)
         self._gather = self._compile_gather(state, cells, far or near, reach)
-        self._search, self._settle, self._renew = self._compile_search(state, cells, near, far)
+        self._search, self._settle, self._renew = self._compile_search(state, cells, still, near, far)
 
     def _compile_hot(self, state: State, cells: Cells, reach: int) -> tuple[Any, Any, Any]:
         d, window, ring = state.dimension, cells.window(reach), cells.window(RING)
@@ -197,15 +198,17 @@ class Neighbours:
 
         return gather
 
-    def _compile_search(self, state: State, cells: Cells, near: float, far: float | None) -> tuple[Any, ...]:
+    def _compile_search(
+        self, state: State, cells: Cells, still: float, near: float, far: float | None
+    ) -> tuple[Any, ...]:
         window, near_window = cells.window(cells.reach(far or near)), cells.window(cells.reach(near))
-        near2, far2 = near**2, (far or near) ** 2
+        still2, near2, far2 = still**2, near**2, (far or near) ** 2
         rows, hot_rows, listed, overflow = self.rows, self.hot_rows, self.listed, self.overflow
         near_capacity, far_capacity, flow_row = self.near_capacity, self.far_capacity, self._flow_row
         needs_flow, wide = state.needs.flow, far is not None
 
         @ti.func
-        def search_near(a):
+        def search_near(a, radius2):
             x = state.position[a]
             c = cells.cell_of(x)
             n = 0
@@ -215,7 +218,9 @@ class Neighbours:
                     b = cells.items[e, slot]
                     # written before it is known to be near, and kept by counting it: no branch to guess wrongly
                     self.near[a, ti.min(n, near_capacity)] = b
-                    n += ti.cast((x - state.position[b]).norm_sqr() < near2, ti.i32) * ti.cast(b != a, ti.i32)
+                    n += ti.cast((x - state.position[b]).norm_sqr() < radius2, ti.i32) * ti.cast(
+                        b != a, ti.i32
+                    )
             if n > near_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
@@ -254,7 +259,7 @@ class Neighbours:
                 if ti.static(wide):
                     search_both(a)
                 else:
-                    search_near(a)
+                    search_near(a, near2)
                 listed[a] = ANEW
 
         @direct
@@ -265,7 +270,7 @@ class Neighbours:
             for k in range(hot):
                 a = hot_rows[k]
                 if listed[a] == ANEW and flow_row[a] != now:
-                    search_near(a)
+                    search_near(a, still2)
                     listed[a] = FOUND
 
         @direct
