@@ -115,7 +115,7 @@ def test_the_limit_is_what_is_left_of_the_steps():
 
 def test_a_scene_that_is_refused_stands_in_the_table_with_its_reason():
     """And the others are measured."""
-    row = reach._run(reach.Goal("track_150W", ("laser.power=-1",)))
+    row = reach._run(reach.WholeScene("track_150W", ("laser.power=-1",)))
     assert "laser.power" in row["failure"]
 
 
