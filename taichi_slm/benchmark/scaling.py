@@ -34,7 +34,7 @@ _RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # ru_maxrss is in bytes the
 def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     """Cold metal, size, threads, memory, start."""
     rounds = 2 if quick else 5
-    _cold(findings, rounds, (1, 3) if quick else (1, 3, 10), quick, yardstick)
+    _cold(findings, rounds, (1, 3) if quick else (3, 10, 30), quick, yardstick)
     _size(findings, rounds, (10, 20) if quick else (10, 20, 40, 80), yardstick)
     _threads(findings, rounds, quick, yardstick)
     _memory(findings, {2: (20, 100), 3: (6, 12)} if quick else {2: (40, 200), 3: (10, 24)}, yardstick)
@@ -88,7 +88,8 @@ def _cold(
 ) -> None:
     jobs = {f"plate x {n}": {"scene": "track", "size": n, "count": 20 if quick else 150} for n in depths}
     rows = _in_turn(jobs, rounds, yardstick)
-    findings.table("scaling_cold", "Cold metal under one pool", rows)
+    findings.table("scaling_cold", "Cold metal under one pool", rows,
+                   "Plates that are so many times 100 um deep; a single one is warm to its bottom.")  # fmt: skip
     _plot(findings, "scaling_cold", "Cold metal under one pool", rows, "us per flow step")
     wide = {f"track_3d, plate x {size:g}": {"scene": "track_3d", "size": size, "count": 20 if quick else 60}
             for size in ((1.0, 1.5) if quick else (1.0, 1.6, 2.4, 3.0))}  # fmt: skip
