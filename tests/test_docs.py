@@ -64,7 +64,7 @@ LONG = {
         "taichi-slm study configs/studies/power.yaml"
     ),
     "taichi-slm verify --tier full": "taichi-slm verify hydrostatic beer_lambert",
-    "taichi-slm bench accuracy --quick": "taichi-slm bench speed --quick",
+    "taichi-slm bench accuracy": "taichi-slm bench speed --quick",
     "taichi-slm bench speed skips": "taichi-slm bench speed --quick",
     "taichi-slm stress": "taichi-slm stress drop --quick",
 }
