@@ -79,8 +79,12 @@ class Activity:
     def heat_reaches(self, rim: float) -> None:
         """Tell how far heat comes in the next heat step [m]; if that is farther than the hot set, it is outgrown."""
         self._rim = rim
-        if self.rows.rings(rim) > self._rings:
+        if self._wanted() > self._rings:
             self.outgrown = True
+
+    def _wanted(self) -> int:
+        """Cells around the warm ones: as far as heat comes, and one for what is less than warm."""
+        return self.rows.rings(self._rim) + 1
 
     def build(self) -> None:
         """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""
@@ -111,7 +115,7 @@ class Activity:
         """Choose both sets of rows from all particles."""
         self.cells.build(WARM_FROM, self.rest)
         self._check_cells()
-        self._rings = self.rows.rings(self._rim)
+        self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
         self.rows.gather(self._all_flow)
         self.choices += 1
