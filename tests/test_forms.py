@@ -258,8 +258,7 @@ SWITCHES = [name for name in others(Performance) if name != "stop_finished"]
 # [K], [dx], [dx], [-] at the end, and why they may differ at all
 TOLERANCES = {
     "skip_solid": (0.01, 1e-4, 1e-4, 1e-9),  # round-off: other rows, the same sums
-    # 1e-3 K at the rim of the hot set; and lists are built when it is outgrown, too: see keep_neighbours
-    "skip_cold": (40.0, 0.2, 0.1, 1e-5),
+    "skip_cold": (0.01, 1e-4, 1e-4, 1e-6),  # 1e-3 K at the rim of the hot set
     "skip_interior": (
         0.1,
         1e-3,

@@ -27,8 +27,7 @@ EXACT, SCATTER = (
     (0.02, 1.0, 2.0),
 )  # temperature [rise], places [dx], sizes of the pool [dx]
 COMPARED = 30e-6  # [s]
-# of skip_cold: lists are also built when the hot set is chosen anew, and melt is let go when lists are built
-CHANGES_STEPS = ("round-off", "skip_cold", "heat_clock", "keep_neighbours", "all off")
+CHANGES_STEPS = ("round-off", "heat_clock", "keep_neighbours", "all off")
 NOTE = (
     "Expected of a skip that only leaves out what adds nothing: temperature within {} of the hottest rise, places "
     "within {} and the pool's sizes within {} spacings. Of what changes steps, sums or the moment at which melt is "

@@ -3,7 +3,7 @@
 When somebody moved half a skin or melted, the lists are stale: those who move change their cells, the flow rows are
 gathered and their lists searched, at a cost that follows the flow rows. When the warmth, the beam or a mobile particle
 reached the rim of the hot set, that is outgrown: it is chosen anew from all cells, which costs a look at every
-particle.
+particle, and no list of who moves.
 """
 
 import math
@@ -58,8 +58,10 @@ class Activity:
         moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
         if not self._keep:
             self.forget()
-        if self.stale or self.outgrown or moved or not self._keep:
+        if self.stale or moved or not self._keep:
             self.build()
+        elif self.outgrown:
+            self._widen()
 
     def beam_at(self, centre: tuple[float, ...] | None) -> None:
         """Tell where the beam is [m] (None: off); far from where it was last, the lit set is stale."""
@@ -93,9 +95,7 @@ class Activity:
         if self.outgrown or not self._keep or not self.cells.can_follow or not self._follow():
             self._choose()
         self.rows.search()
-        self._check(
-            self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists"
-        )
+        self._check_lists()
         if self.ejection is not None:
             self.ejection.step()
         if self.surface is not None and self.rows.flow > 0:
@@ -105,6 +105,13 @@ class Activity:
         self.stale = self.outgrown = False
         self.builds += 1
 
+    def _widen(self) -> None:
+        """Choose the hot rows anew. Who moves keeps its lists: no skip of cold metal decides when melt is let go."""
+        self._choose_hot()
+        self.rows.settle()
+        self._check_lists()
+        self.outgrown = False
+
     def _follow(self) -> bool:
         """Gather the flow rows from the cells that the mobile particles are in now; False: the hot set is outgrown."""
         self.cells.follow(self.rows.rows, self.rows.mobile)
@@ -113,11 +120,14 @@ class Activity:
 
     def _choose(self) -> None:
         """Choose both sets of rows from all particles."""
+        self._choose_hot()
+        self.rows.gather(self._all_flow)
+
+    def _choose_hot(self) -> None:
         self.cells.build(WARM_FROM, self.rest)
         self._check_cells()
         self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
-        self.rows.gather(self._all_flow)
         self.choices += 1
 
     def renew(self) -> None:
@@ -126,18 +136,23 @@ class Activity:
         Lists among still particles stay: searched anew they would be the same.
         """
         self.rows.renew()
-        self.outgrown = True
+        self.stale = self.outgrown = True
 
     def forget(self) -> None:
         """Choose every row and search every list anew at the next build; for particles that were put elsewhere."""
         self.rows.forget()
-        self.outgrown = True
+        self.stale = self.outgrown = True
 
     def restart(self) -> None:
         """Forget all that was known of particles and beam: another moment was loaded, of this scene."""
         self.rows.everyone_is_hot()  # among them those who have melted and wait to be let go
         self._lit_centre = self._next_centre = self._last_centre = None
         self.forget()
+
+    def _check_lists(self) -> None:
+        self._check(
+            self.rows.overflow, "a neighbour list is full: particles crowd far beyond their spacing", "lists"
+        )
 
     def _check_cells(self) -> None:
         self._check(self.cells.invalid, "a particle has no finite place", "position or temperature")

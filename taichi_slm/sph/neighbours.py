@@ -310,6 +310,10 @@ class Neighbours:
     def search(self) -> None:
         """Search the lists of the flow rows, and those of the hot ones that have none."""
         self._search(self.flow, self._schedule.alone(self.flow))
+        self.settle()
+
+    def settle(self) -> None:
+        """Search the lists of the hot rows that have none."""
         if self._needs.heat:
             self._settle(self.hot, self._gathering, self._schedule.plain(self.hot))
 
