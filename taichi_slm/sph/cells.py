@@ -20,7 +20,8 @@ class Cells:
 
     Cells are numbered; ``window(radius)`` has the differences of number to the cells around. A border of empty
     cells, as wide as the widest window, saves every search the question whether a cell exists.
-    ``active`` is 1 for a cell that had a mobile or a warm particle at the last build.
+    ``active`` is 1 for a cell that had a mobile or a warm particle at the last build; ``home`` is the cell of each
+    particle.
     """
 
     def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, widest: float,
@@ -45,7 +46,7 @@ class Cells:
         inner[(slice(self.border, -self.border),) * len(self.shape)] = 1
         self.inner.from_numpy(inner.ravel())
         self._windows: dict[int, Any] = {}
-        self._home = ti.field(ti.i32, shape=state.count)  # cell of each particle
+        self.home = ti.field(ti.i32, shape=state.count)
         self._schedule = schedule
         self.cell_of, self._finite = self._compile_place(lower)
         self._clear, self._fill, self._sort = self._compile_build(state, schedule.ordered)
@@ -73,7 +74,7 @@ class Cells:
         return cell_of, finite
 
     def _compile_build(self, state: State, ordered: bool) -> tuple[Any, Any, Any]:
-        count, items, active, home = self.count, self.items, self.active, self._home
+        count, items, active, home = self.count, self.items, self.active, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
         cell_of, finite = self.cell_of, self._finite
 
@@ -124,7 +125,7 @@ class Cells:
         return clear, fill, sort
 
     def _compile_follow(self, state: State) -> Any:
-        count, items, home = self.count, self.items, self._home
+        count, items, home = self.count, self.items, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
         cell_of, finite = self.cell_of, self._finite
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from taichi_slm.backend import Blocks, Schedule, direct, ti
 from taichi_slm.sph.cells import Cells
-from taichi_slm.state import MOBILE, STILL, State
+from taichi_slm.state import MOBILE, REMOVED, STILL, State
 
 RING = 1  # cells between the active ones and the rim of the hot set
 ANEW, FOUND, SETTLED = 0, 1, 2  # values of `listed`: search when next needed; found just now; good for ever
@@ -120,16 +120,16 @@ class Neighbours:
         @ti.kernel
         def choose(everything: ti.i32, low: Corner, high: Corner):
             ends[2] = 0
+            for c in range(everything * cells.total):
+                zone[c] = HOT | CORE
             ti.loop_config(serialize=ordered)
-            for c in range(cells.total):
-                if everything == 1:
-                    zone[c] = HOT | CORE
-                for slot in range(cells.count[c]):
-                    a = cells.items[c, slot]
-                    if zone[c] != 0 or lit(a, low, high):
+            for a in range(state.count):  # in the order of the scene, in which what is near has near numbers
+                if state.mobility[a] != REMOVED:
+                    bits = zone[cells.home[a]]
+                    if bits != 0 or lit(a, low, high):
                         k = ti.atomic_add(ends[2], 1)
                         hot_rows[k] = a
-                        core[k] = ti.cast((zone[c] & CORE) != 0, ti.i32)
+                        core[k] = ti.cast((bits & CORE) != 0, ti.i32)
 
         return spread, grow, choose
 
