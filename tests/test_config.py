@@ -188,6 +188,9 @@ def test_schema_file_is_up_to_date():
          "scene.yaml:8: laser: a laser heats nothing while physics.heat is off; leave one of the two out."),
         ("time:", "physics: {recoil: true}\ntime:",
          "scene.yaml:12: physics.recoil: this needs physics.evaporation, which is off."),
+        ("time:", "numerics: {smoothing: 2}\ntime:",
+         "scene.yaml:12: numerics.surface_smoothing: the kernel of the surface must be at least as wide as that of the "
+         "flow; 1.8 is less than a smoothing of 2."),
         ("end: [1e-3]", "end: [1]\ndomain: {lower: [-1e-3, -1e-3], upper: [2e-3, 1e-3]}",
          "scene.yaml:12: '{' of line 11 is not closed, or a ',' is missing."),
         ("time:", "domain: {lower: [-1e-3, -1e-3], upper: [1.1e-3, 1e-5]}\ntime:",

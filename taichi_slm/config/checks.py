@@ -110,6 +110,13 @@ def _physics(config: Config, findings: _Findings) -> None:
         findings.error(
             ("laser",), "a laser heats nothing while physics.heat is off; leave one of the two out"
         )
+    numerics = config.numerics
+    if physics.flow and numerics.surface_smoothing < numerics.smoothing:
+        findings.error(
+            ("numerics", "surface_smoothing"),
+            f"the kernel of the surface must be at least as wide as that of the flow; "
+            f"{numerics.surface_smoothing:g} is less than a smoothing of {numerics.smoothing:g}",
+        )
 
 
 def _coordinates(dimension: int, body: AnyBody, at: Path, findings: _Findings) -> None:
