@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from taichi_slm.config.load import load_config
 from taichi_slm.errors import BlowUpError
 from taichi_slm.run.driver import execute
 from taichi_slm.run.simulation import Simulation
+from taichi_slm.scene.build import build_scene
 from taichi_slm.solver.model import needs_of
 from taichi_slm.state import MOBILE, State
 
@@ -190,6 +192,17 @@ def test_half_and_the_rest_are_the_whole(track):
         assert np.array_equal(rest.state.array(name), values), name
     again = rest.diagnostics()
     assert again == row
+
+
+def test_a_checkpoint_is_not_taken_for_particles_in_another_order(track):
+    """Of the version that numbered them by body: bodies, tracers and programs would go to others."""
+    config = track()
+    sim = Simulation(config)
+    saved = sim.checkpoint()
+    scene = build_scene(config)
+    other = Simulation(config, scene=replace(scene, position=scene.position[::-1].copy()))
+    with pytest.raises(ValueError, match="numbered in another way"):
+        other.restore(saved)
 
 
 AWKWARD = {  # moments [s] of a track whose beam is on from 2 to 22 us

@@ -2,6 +2,7 @@
 
 import math
 import time
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -307,6 +308,7 @@ class Simulation:
                   for name in ("energy", "momentum", "clamps", "removed", "removed_mass")}  # fmt: skip
         flow = self.flow_step
         fastest = float(flow.flow.fastest[None]) if flow else 0.0
+        saved["scene"] = self._scene_sum()
         saved["clock"] = np.array([self.time, self.dt, self.hottest, self.accounts.incident,
                                    flow.dt_before if flow else 0.0, fastest, self._allowed,
                                    self.bins.floor[None] if self.bins else 0.0])  # fmt: skip
@@ -316,8 +318,14 @@ class Simulation:
                                     self.activity.builds], np.int64)  # fmt: skip
         return saved
 
+    def _scene_sum(self) -> np.ndarray:
+        """A check sum of where which particle began."""
+        return np.array([zlib.crc32(np.ascontiguousarray(self.scene.position).data)])
+
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Continue from a ``checkpoint`` of the same config."""
+        """Continue from a ``checkpoint`` of the same config; ValueError if its particles began elsewhere."""
+        if not np.array_equal(saved["scene"], self._scene_sum()):
+            raise ValueError("its particles are numbered in another way")
         if self.activity.builds == 0:
             self.compile()
         self.state.load(**{name: saved[f"state.{name}"] for name in self.state.names})
