@@ -104,6 +104,7 @@ def _spread(threads: set[int]) -> None:
 
 ON_DEMAND_FROM = 400_000  # particles; below, all of a scene's memory is at most 1 GB, and a step 20 % faster
 BLOCK = 64  # particles of a block
+LIST_ROOM = 1.25  # room in a neighbour list, over the neighbours on a lattice; metal is not packed 1.1 times as densely
 
 
 class Blocks:

@@ -34,7 +34,7 @@ class State:
     that small increments are not lost.
 
     Fields that only their own particle reads, and only once it moves or is hot, take memory from then on (`Blocks`,
-    in a large scene): cold metal does without them.
+    in a large scene): cold metal does without them. Those of the surface take it near a surface.
     """
 
     def __init__(self, count: int, dimension: int, needs: Needs, real: Any):
@@ -43,7 +43,7 @@ class State:
         self.needs = needs
         self.real = real
         self.names: list[str] = []
-        moving, hot = Blocks(count), Blocks(count)
+        moving, hot, outer = Blocks(count), Blocks(count), Blocks(count)
 
         def scalar(name: str, kind: Any = None, of: Blocks | None = None) -> Any:
             self.names.append(name)
@@ -85,9 +85,8 @@ class State:
         if needs.losses:
             self.surface_area = scalar("surface_area", of=hot)  # per volume of metal [1/m]; surroundings
         if needs.viscous_heating:
-            self.viscous_work = scalar(
-                "viscous_work", ti.f64, of=hot
-            )  # [J] since the last heat step; momentum
+            # [J] since the last heat step; momentum
+            self.viscous_work = scalar("viscous_work", ti.f64, of=hot)
         if needs.flow:
             self.pressure = scalar("pressure")  # [Pa]; equation of state, wall pressure
             self.viscosity = scalar("viscosity")  # [Pa s]; phase change
@@ -104,20 +103,18 @@ class State:
             self.acceleration_before = vector("acceleration_before", of=moving)  # [m/s^2]; kick
         if needs.surface:
             self.colour_gradient = vector("colour_gradient", of=moving)  # [1/m], inward; colour gradient
-            self.colour_strength = scalar("colour_strength")  # |grad c| [1/m]; colour gradient
-            self.normal = vector("normal")  # unit, inward, or zero where cut; colour gradient
+            self.colour_strength = scalar("colour_strength", of=outer)  # |grad c| [1/m]; colour gradient
+            self.normal = vector("normal", of=outer)  # unit, inward, or zero where cut; colour gradient
         if needs.tension:
             self.surface_tension = scalar("surface_tension")  # [N/m]; phase change
             self.surface_tension_slope = scalar("surface_tension_slope")  # [N/(m K)]; phase change
             self.curvature = scalar("curvature", of=moving)  # [1/m], negative on a drop; surface forces
             self.surface_force = vector("surface_force", of=moving)  # [N/m^d]; surface forces, momentum
         if needs.balanced:
-            self.tangential_force = vector(
-                "tangential_force", of=moving
-            )  # [N/m^d], Marangoni; surface forces
-            self.capillary = scalar(
-                "capillary", of=moving
-            )  # capillary pressure of the surface [Pa]; surface forces
+            # [N/m^d], Marangoni; surface forces
+            self.tangential_force = vector("tangential_force", of=moving)
+            # capillary pressure of the surface [Pa]; surface forces
+            self.capillary = scalar("capillary", of=moving)
             self.at_surface = scalar("at_surface", of=moving)  # its weight, 0 inside to 1; surface forces
             self.background = scalar("background")  # its smooth extension inwards [Pa]; move
             self.background_mean = scalar("background_mean", of=moving)  # of the neighbours' [Pa]; continuity

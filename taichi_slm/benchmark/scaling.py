@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from taichi_slm.backend import LIST_ROOM
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.benchmark.scenes import drop, track, warm, weld
@@ -119,14 +120,18 @@ def _threads(findings: Findings, rounds: int, quick: bool, yardstick: Yardstick)
 
 
 def memory(resolution: int, precision: str, dimension: int) -> dict[str, Any]:
-    """A drop after a step: its particles, the bytes of its fields and lists, and the process's peak."""
+    """A drop after a step: its particles, bytes of its fields, lists and of the entries in use, the process's peak."""
     sim = Simulation(drop(resolution, dimension=dimension), threads=1, precision=precision)
     sim.step()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT  # before the copies below
     fields = sum(sim.state.array(name).nbytes for name in sim.state.names)
     names = ("rows", "core", "listed", "near_count", "near", "far_count", "far")
     lists = sum(getattr(sim.rows, name).to_numpy().nbytes for name in names if hasattr(sim.rows, name))
-    return {"particles": sim.scene.count, "fields": fields, "lists": lists, "peak": peak}
+    counts = (
+        getattr(sim.rows, name).to_numpy() for name in ("near_count", "far_count") if hasattr(sim.rows, name)
+    )
+    used = 4 * sum(int(count.sum()) for count in counts)
+    return {"particles": sim.scene.count, "fields": fields, "lists": lists, "used": used, "peak": peak}
 
 
 def _memory(findings: Findings, resolutions: dict[int, tuple[int, int]], yardstick: Yardstick) -> None:
@@ -147,12 +152,14 @@ def _memory(findings: Findings, resolutions: dict[int, tuple[int, int]], yardsti
         rows.append(row | {
             "particles": many["particles"], "fields, bytes per particle":
             many["fields"] / many["particles"], "neighbour lists, bytes per particle":
-            many["lists"] / many["particles"], "process, bytes per further particle":
+            many["lists"] / many["particles"], "of them entries in use":
+            many["used"] / many["particles"], "process, bytes per further particle":
             (many["peak"] - few["peak"]) / more, "process, MB": many["peak"] / 1e6,
         })  # fmt: skip
     findings.table("scaling_memory", "Memory of a drop with heat, flow and surface tension: all of it moves", rows,
                    "The further particles are those of the larger drop over those of a smaller one; the process's "
-                   "peak holds what is copied while a scene is built as well.")  # fmt: skip
+                   "peak holds what is copied while a scene is built as well. Limit: fields and entries in use; a list "
+                   f"has room for {LIST_ROOM} times the neighbours on a lattice and 12.")  # fmt: skip
 
 
 def cold_memory(width: float, precision: str) -> dict[str, Any]:
@@ -161,7 +168,10 @@ def cold_memory(width: float, precision: str) -> dict[str, Any]:
     for _ in range(5):
         sim.step()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT
-    scene = sum(values.nbytes for values in vars(sim.scene).values() if hasattr(values, "nbytes"))
+    arrays = (values for values in vars(sim.scene).values() if hasattr(values, "nbytes"))
+    scene = sum(
+        values.nbytes for values in arrays if 0 not in values.strides
+    )  # a view of one row takes nothing
     return {"particles": sim.scene.count, "active particles": sim.rows.hot, "peak": peak, "scene": scene}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taichi_slm.backend import ON_DEMAND_FROM
+from taichi_slm.backend import LIST_ROOM, ON_DEMAND_FROM
 from taichi_slm.config.extent import particles_about
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
@@ -176,7 +176,7 @@ def memory_bytes(
         if config.physics.flow
         else near
     )
-    lists = 4 * (1.5 * max(near, far) + 30)
+    lists = 4 * (LIST_ROOM * max(near, far) + 30)
     taken = per_particle + lists
     if cold and count >= ON_DEMAND_FROM:
         taken = per_particle - on_demand_bytes(config, real)
@@ -208,7 +208,7 @@ def state_bytes(config: Config, real: int = 8) -> float:
 def on_demand_bytes(config: Config, real: int = 8) -> float:
     """Bytes of one particle's fields that it needs only once it is hot, or moves: those of `Blocks` in state.py."""
     physics, d = config.physics, config.dimension
-    moving = 1 + 3 * d if physics.flow else 0
+    moving = 1 + 4 * d if physics.flow else 0
     if physics.surface_tension or physics.marangoni or physics.recoil:
         moving += 1 + d
     return real * moving + (8 * 5 + real * 2 if physics.heat else 0)

@@ -98,7 +98,7 @@ class _Builder:
             spacing=self.dx,
             lower=lower,
             upper=upper,
-            **{name: values[order] for name, values in arrays.items()},
+            **{name: _in_order(values, order) for name, values in arrays.items()},
             materials=tuple(resolve(name, config.materials) for name in self.names),
             follows_density=tuple(
                 number
@@ -335,6 +335,12 @@ def _by_place(offset: Array, dx: float) -> NDArray[np.intp]:
     """The order that goes through tiles of TILE^d sites, one tile after the other."""
     site = np.floor(offset / dx).astype(np.int32)
     return np.lexsort((*site.T, *(site // TILE).T))
+
+
+def _in_order(values: Array, order: NDArray[np.intp]) -> Array:
+    """``values[order]``; where all rows are the same a read-only view of one, which takes no memory."""
+    same = bool((values == values[0]).all())
+    return np.broadcast_to(values[0], values.shape) if same else values[order]
 
 
 def _place(values: Any) -> str:

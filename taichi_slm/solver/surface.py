@@ -213,8 +213,10 @@ def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
             normal = gradient / strength
         if kept:  # cold metal needs no more than the two below
             state.colour_gradient[a] = gradient
-        state.colour_strength[a] = strength
-        state.normal[a] = normal
+        # inside cold metal, where round-off is left of the sum, both stay zero and take no memory
+        if strength > 1e-6 * cut or state.colour_strength[a] > 0.0:
+            state.colour_strength[a] = strength
+            state.normal[a] = normal
 
     return pair, store
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import Blocks, Schedule, direct, ti
+from taichi_slm.backend import LIST_ROOM, Blocks, Schedule, direct, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, REMOVED, STILL, State
 
@@ -39,22 +39,23 @@ class Neighbours:
         reach = cells.reach(far or near)
         self._reach, self._cells = reach, cells
         ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
-        self.near_capacity = int(1.5 * ball(near / dx)) + 12
-        self.far_capacity = int(1.5 * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
+        self.near_capacity = int(LIST_ROOM * ball(near / dx)) + 12
+        self.far_capacity = int(LIST_ROOM * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
         self.rows = ti.field(ti.i32, shape=n)
         self.hot_rows = ti.field(ti.i32, shape=n)
         self.core = ti.field(
             ti.i32, shape=n
         )  # of a hot row: 1 amid the active cells, 0 at the rim of the hot set
-        self.listed = ti.field(ti.i32, shape=n)
-        self.near_count = ti.field(ti.i32, shape=n)
+        known = Blocks(n)  # of who has lists, or had
+        self.listed = known.field(ti.i32)
+        self.near_count = known.field(ti.i32)
         self.near = Blocks(n).field(ti.i32, self.near_capacity + 1)  # and one to spare, see search_near
         if far:
-            self.far_count = ti.field(ti.i32, shape=n)
+            self.far_count = known.field(ti.i32)
             self.far = Blocks(n).field(ti.i32, self.far_capacity + 1)
         self.overflow = ti.field(ti.i32, shape=())  # id of a particle with a full list, or -1
         self.mobile = self.flow = self.hot = 0
-        self._flow_row = ti.field(ti.i32, shape=n)  # the gathering at which a particle was a flow row last
+        self._flow_row = known.field(ti.i32)  # the gathering at which a particle was a flow row last
         self._gathering = 0
         self._ends = ti.field(ti.i32, shape=4)  # mobile, flow, hot; whether a mover has left the core
         self._zone = ti.field(ti.i32, shape=cells.total)
@@ -324,7 +325,7 @@ class Neighbours:
 
     def renew(self) -> None:
         """Keep the lists among still particles, but have found anew what else is found once for them."""
-        self._renew(self._schedule.plain(self.listed.shape[0]))
+        self._renew(self._schedule.plain(self.rows.shape[0]))
 
     def forget(self) -> None:
         """Search every list anew at the next build."""
