@@ -129,6 +129,21 @@ def test_droplet_has_the_exact_area(arrangement):
         assert (built.position == [3, 4]).all(axis=1).sum() == 1
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_is_near_has_near_numbers(dimension):
+    """Tiles of 4^d sites, whichever bodies fill them: their particles have consecutive ids."""
+    size = {"width": 12} if dimension == 3 else {}
+    bodies = [{"shape": "plate", "length": 30, "depth": 10, **size},
+              {"shape": "powder_row", "length": 24, "radius": 4}]  # fmt: skip
+    found = scene(*bodies, dimension=dimension, spacing=1)
+    tile = np.floor((found.position - found.lower) / found.spacing).astype(int) // 4
+    numbers = np.arange(found.count)
+    for each in np.unique(tile, axis=0):
+        own = numbers[(tile == each).all(axis=1)]
+        assert own[-1] - own[0] == len(own) - 1
+    assert len(np.unique(found.body)) == 2
+
+
 def ordered(points):
     """By their coordinates, the last first; those that differ by round-off are the same."""
     return points[np.lexsort((points / np.abs(points).max(axis=0)).round(9).T)]

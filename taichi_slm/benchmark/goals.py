@@ -24,6 +24,7 @@ class Goal:
     column: str
     rows: dict[str, str | int]
     but: tuple[str, ...] = ()  # values of a row's cells that leave it out
+    see: str = ""  # the table that says where the time or the memory is
 
     def reached(self, report: dict[str, Any]) -> float | None:
         """The worst of its cells; None where the report has none."""
@@ -48,7 +49,7 @@ def asked_and_reached(report: dict[str, Any]) -> list[dict[str, Any]]:
         value = goal.reached(report)
         if value is not None:
             rows.append({"what": goal.what, "asked": f"{goal.bound} {goal.asked:g}", "reached": value,
-                         "kept": "yes" if goal.met(value) else "no"})  # fmt: skip
+                         "kept": "yes" if goal.met(value) else f'no: see "{goal.see}"'})  # fmt: skip
     return rows
 
 
@@ -64,50 +65,55 @@ def _scenes(report: dict[str, Any]) -> list[Goal]:
     """Whole scenes: what was asked stands beside what was reached."""
     return [
         Goal(f"{row['scene']}, to the last picture, s", AT_MOST, row["asked, s"], "reach_runs", "wall, s",
-             {"scene": row["scene"]})
+             {"scene": row["scene"]}, see="What would be left of the steps")
         for row in _rows(report, "reach_runs") if row.get("asked, s")
     ]  # fmt: skip
 
 
 def _cpp(compiler: str, a_pass: float, together: float) -> list[Goal]:
-    whole = "all of them, once each"
+    whole, see = "all of them, once each", "The passes and plain C++ on the same lists, one thread"
     rows: dict[str, str | int] = {"compiler": compiler, "precision": "f64"}
     return [
         Goal(f"each neighbour pass over plain C++, {compiler}", AT_MOST, a_pass, "speed_cpp", "over c++", rows,
-             (whole,)),
+             (whole,), see),
         Goal(f"the passes of a step over plain C++, {compiler}", AT_MOST, together, "speed_cpp", "over c++",
-             rows | {"pass": whole}),
+             rows | {"pass": whole}, see=see),
     ]  # fmt: skip
 
 
 def _pysph(drop: str) -> list[Goal]:
     rows: dict[str, str | int] = {"drop": drop}
+    see = "Where a step of the smallest drop goes"
     return [
-        Goal(f"PySPH, {drop} drop, a step: times as long", AT_LEAST, 10.0, "peers_steps", "time of a step", rows),
+        Goal(f"PySPH, {drop} drop, a step: times as long", AT_LEAST, 10.0, "peers_steps", "time of a step", rows,
+             see=see),
         Goal(f"PySPH, {drop} drop, to an equal or smaller error: times as long", AT_LEAST, 20.0, "peers_error",
-             "time to an equal or smaller error", rows),
+             "time to an equal or smaller error", rows, see=see),
     ]  # fmt: skip
 
 
 def _start(what: str, seconds: float, row: str) -> Goal:
-    return Goal(f"{what}, s", AT_MOST, seconds, "scaling_start", "seconds", {"what": row})
+    return Goal(f"{what}, s", AT_MOST, seconds, "scaling_start", "seconds", {"what": row},
+                see="Start: wall time of a process")  # fmt: skip
 
 
 GOALS = (
     Goal("a track without skips at the paper's steps: times as long", AT_LEAST, 20.0, "skips", "time over all on",
-         {"scene": "with flow", "skips": PAPER_RUN}),
+         {"scene": "with flow", "skips": PAPER_RUN}, see="One skip off at a time"),
     *_cpp("taichi", 2.0, 1.4),
     *_cpp("quadrants", 1.1, 0.8),
     *_pysph("square"),
     *_pysph("elliptic"),
     Goal("ten times as much cold plate: times as long", AT_MOST, 1.1, "scaling_cold", "time over the first",
-         {"scene": "plate x 30"}),
+         {"scene": "plate x 30"}, see="Cold metal under one pool"),
     _start("--help", 0.3, "taichi-slm --help"),
     _start("validate", 1.0, "taichi-slm validate"),
     _start("process to first step, warm", 3.0, "process to first step, kernels in the cache"),
     _start("process to first step, cold", 15.0, "process to first step, no kernels in the cache"),
     Goal("a cold particle in 3-D, bytes", AT_MOST, 500.0, "scaling_memory_cold",
-         "process, bytes per further cold particle", {"precision": "f64"}),
+         "process, bytes per further cold particle", {"precision": "f64"},
+         see="Memory of cold metal in 3-D"),
     Goal("a mobile particle in 3-D, bytes", AT_MOST, 2000.0, "scaling_memory", "process, bytes per further particle",
-         {"drop": "3-D", "precision": "f64"}),
+         {"drop": "3-D", "precision": "f64"},
+         see="Memory of a drop with heat, flow and surface tension: all of it moves"),
 )  # fmt: skip

@@ -9,14 +9,17 @@ ratio is PySPH over this program, above 1 where this program is faster.
 """
 
 import statistics
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from taichi_slm.benchmark.drops import elliptic_error, for_pysph, ours, square_error
-from taichi_slm.benchmark.measure import Yardstick, processes_in_turn, ratio
+from taichi_slm.benchmark.drops import elliptic_error, for_pysph, ours, square_error, started
+from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
+from taichi_slm.benchmark.passes import Watch
 from taichi_slm.benchmark.pysph_process import PySPH, PySPHError, find
 from taichi_slm.benchmark.report import Findings
+from taichi_slm.benchmark.speed import Block, shares
 from taichi_slm.verification.case import Curve
 
 OURS, THEIRS = "taichi-slm", "PySPH"
@@ -25,6 +28,7 @@ SCHEMES: dict[str, dict[str, Any]] = {
     WCSPH: {"alpha": 0.1}, INVISCID: {"alpha": 0.0}, DELTA: {"alpha": 0.1, "delta_sph": True}, CSF: {},
 }  # fmt: skip
 DEFAULTS, SHIFTED = "defaults", "shifting 20"
+SMALLEST = 10  # R/dx of the smallest elliptic drop that both codes run
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,24 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
         "A coarse run may be near by chance, so the error that a run holds is the largest of it and of all finer ones "
         "of its kind, for both codes. Ours is the coarsest run that holds no larger error than PySPH's.",
     )  # fmt: skip
+    found = in_its_own_process("benchmark.peers:profile", level=SMALLEST)
+    yardstick.measure()
+    findings.table(
+        "peers_profile", "Where a step of the smallest drop goes", found.get("passes", [found]),
+        f"The elliptic one at R/dx {SMALLEST}. With a few hundred particles a pass costs little more than its launch, "
+        "and a step what Python does between the launches; from R/dx 20 on the sums over neighbours are most of it.",
+    )  # fmt: skip
+
+
+def profile(level: int) -> dict[str, Any]:
+    """All steps of our elliptic drop with a clock on every pass: {"passes": a row for each}."""
+    sim = started("elliptic", level, "rings", 1.0)
+    sim.step()  # the first launches
+    watch, first, began = Watch(sim), sim.steps, time.perf_counter()
+    with watch.watching():
+        sim.run()
+    block = Block(time.perf_counter() - began, sim.steps - first, sim.rows.hot, sim.rows.mobile, watch.passes)
+    return {"passes": shares([block], sim.scene.count)}
 
 
 def absent(missing: str) -> list[dict[str, Any]]:

@@ -94,8 +94,8 @@ def write_page(report: dict[str, Any], page: Path) -> None:
     ]  # fmt: skip
     goals = Findings()
     goals.table("goals", "Asked and reached", asked_and_reached(report),
-                "On two cores and in f64; each number is from a table below, of several the worst. Why one is not "
-                'kept: "Where the time goes" and "What would be left of the steps".')  # fmt: skip
+                "On two cores and in f64; each number is from a table below, of several the worst. Where one is not "
+                "kept, the table named beside it says what is in the way.")  # fmt: skip
     if goals.tables[0].rows:
         head += _lines(goals.to_json()["tables"][0], "##")
 

@@ -134,27 +134,35 @@ def memory(resolution: int, precision: str, dimension: int) -> dict[str, Any]:
     return {"particles": sim.scene.count, "fields": fields, "lists": lists, "used": used, "peak": peak}
 
 
+def _grown(
+    entry: str, sizes: tuple[dict[str, Any], ...], yardstick: Yardstick, **arguments: Any
+) -> dict[str, Any]:
+    """What ``entry`` says of the larger of two scenes; "further ...": bytes of a particle more; or a failure."""
+    few, many = (in_its_own_process(f"benchmark.scaling:{entry}", **arguments, **size) for size in sizes)
+    yardstick.measure()
+    if "failure" in few or "failure" in many:
+        return {"failure": few.get("failure") or many["failure"]}
+    more = many["particles"] - few["particles"]
+    return many | {
+        f"further {name}": (many[name] - few[name]) / more for name in ("peak", "scene") if name in many
+    }
+
+
 def _memory(findings: Findings, resolutions: dict[int, tuple[int, int]], yardstick: Yardstick) -> None:
     rows = []
     for dimension, precision in ((d, precision) for d in resolutions for precision in ("f64", "f32")):
-        few, many = (
-            in_its_own_process(
-                "benchmark.scaling:memory", resolution=n, precision=precision, dimension=dimension
-            )
-            for n in resolutions[dimension]
-        )
-        yardstick.measure()
+        sizes = tuple({"resolution": n} for n in resolutions[dimension])
+        found = _grown("memory", sizes, yardstick, precision=precision, dimension=dimension)
         row: dict[str, Any] = {"drop": f"{dimension}-D", "precision": precision}
-        if "failure" in few or "failure" in many:
-            rows.append(row | {"failure": few.get("failure") or many.get("failure")})
+        if "failure" in found:
+            rows.append(row | found)
             continue
-        more = many["particles"] - few["particles"]
+        count = found["particles"]
         rows.append(row | {
-            "particles": many["particles"], "fields, bytes per particle":
-            many["fields"] / many["particles"], "neighbour lists, bytes per particle":
-            many["lists"] / many["particles"], "of them entries in use":
-            many["used"] / many["particles"], "process, bytes per further particle":
-            (many["peak"] - few["peak"]) / more, "process, MB": many["peak"] / 1e6,
+            "particles": count, "fields, bytes per particle": found["fields"] / count,
+            "neighbour lists, bytes per particle": found["lists"] / count,
+            "of them entries in use": found["used"] / count,
+            "process, bytes per further particle": found["further peak"], "process, MB": found["peak"] / 1e6,
         })  # fmt: skip
     findings.table("scaling_memory", "Memory of a drop with heat, flow and surface tension: all of it moves", rows,
                    "The further particles are those of the larger drop over those of a smaller one; the process's "
@@ -178,16 +186,15 @@ def cold_memory(width: float, precision: str) -> dict[str, Any]:
 def _cold_memory(findings: Findings, widths: tuple[float, float], yardstick: Yardstick) -> None:
     rows = []
     for precision in ("f64", "f32"):
-        few, many = (in_its_own_process("benchmark.scaling:cold_memory", width=width, precision=precision)
-                     for width in widths)  # fmt: skip
-        yardstick.measure()
-        if "failure" in few or "failure" in many:
-            rows.append({"precision": precision, "failure": few.get("failure") or many.get("failure")})
+        found = _grown(
+            "cold_memory", tuple({"width": width} for width in widths), yardstick, precision=precision
+        )
+        if "failure" in found:
+            rows.append({"precision": precision} | found)
             continue
-        more = many["particles"] - few["particles"]
-        per_particle, of_scene = ((many[what] - few[what]) / more for what in ("peak", "scene"))
+        per_particle, of_scene = found["further peak"], found["further scene"]
         rows.append({
-            "precision": precision, "particles": many["particles"], "of them active": many["active particles"],
+            "precision": precision, "particles": found["particles"], "of them active": found["active particles"],
             "process, bytes per further cold particle": per_particle, "of them the scene on the host": of_scene,
             "fields, lists and cells": per_particle - of_scene,
         })  # fmt: skip

@@ -184,14 +184,12 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
         sim.step()  # off the lattice, with a flow
     sim.activity.neighbours()
     rows: list[dict[str, Any]] = []
-    together: dict[str, list[float]] = {"kernel": [], "c++": []}
+    turns: dict[str, list[list[float]]] = {"kernel": [], "c++": []}  # of every pass
     for twin in peer.twins(sim, precision):
         difference = twin.difference()
         seconds = in_turn({"kernel": twin.kernel, "c++": twin.cpp}, 5 if quick else 41, 2 if quick else 5)
         for name, values in seconds.items():
-            together[name] = [
-                a + b for a, b in zip(together[name] or [0.0] * len(values), values, strict=True)
-            ]
+            turns[name].append(values)
         per_row = {name: 1e9 * statistics.median(values) / twin.rows for name, values in seconds.items()}
         rows.append({
             "pass": twin.name, "rows": twin.rows, "neighbours": twin.neighbours,
@@ -199,6 +197,7 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
             "over c++": ratio(seconds["kernel"], seconds["c++"]),
             "largest difference": difference,
         })  # fmt: skip
+    together = {name: [sum(turn) for turn in zip(*each, strict=True)] for name, each in turns.items()}
     whole = {name: 1e9 * statistics.median(values) / sim.rows.mobile for name, values in together.items()}
     rows.append({
         "pass": "all of them, once each", "rows": sim.rows.mobile, "ns per row": whole["kernel"],
