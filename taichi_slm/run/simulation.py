@@ -85,6 +85,7 @@ class Simulation:
                 self.bins.absorb(self.beam.position(0.0), 1e-300)
             self.heat.step(1.0, False, 1.0)
         self.activity.beam_at(self._beam_centre(0.0, 0.0))
+        self.activity.renew()
         self.activity.build()
         if self.surface is not None:
             self.surface.colour_everywhere()
