@@ -139,8 +139,8 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
     yardstick.measure()
     findings.table(
         "peers_profile", "Where a step of the smallest drop goes", found.get("passes", [found]),
-        f"The elliptic one at R/dx {SMALLEST}. With a few hundred particles a pass costs little more than its launch, "
-        "and a step what Python does between the launches; from R/dx 20 on the sums over neighbours are most of it.",
+        f"The elliptic one at R/dx {SMALLEST}. What is between the passes, Python and launches, does not shrink with "
+        "the drop; the sums over neighbours do.",
     )  # fmt: skip
 
 

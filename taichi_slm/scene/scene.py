@@ -13,7 +13,7 @@ class Scene:
     """Particles at time zero.
 
     The vertical is the last coordinate (y in 2-D, z in 3-D); the plate's top is at 0. In 2-D a mass is per
-    unit depth [kg/m].
+    unit depth [kg/m]. An array whose rows are all the same is a read-only view of one row.
     """
 
     dimension: int
