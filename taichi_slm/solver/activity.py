@@ -58,7 +58,7 @@ class Activity:
         moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
         if not self._keep:
             self.forget()
-        if self.stale or moved or not self._keep:
+        if self.stale or moved:
             self.build()
         elif self.outgrown:
             self._widen()
@@ -92,7 +92,7 @@ class Activity:
         """Cells, rows, lists, ejection, the surface's rows. Raises BlowUpError on a lost particle or a full list."""
         if self.heat is not None and self.flow is not None:
             self.heat.release()
-        if self.outgrown or not self._keep or not self.cells.can_follow or not self._follow():
+        if self.outgrown or not self.cells.can_follow or not self._follow():
             self._choose()
         self.rows.search()
         self._check_lists()
