@@ -9,17 +9,15 @@ ratio is PySPH over this program, above 1 where this program is faster.
 """
 
 import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from taichi_slm.benchmark.drops import elliptic_error, for_pysph, ours, square_error, started
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
-from taichi_slm.benchmark.passes import Watch
 from taichi_slm.benchmark.pysph_process import PySPH, PySPHError, find
 from taichi_slm.benchmark.report import Findings
-from taichi_slm.benchmark.speed import Block, shares
+from taichi_slm.benchmark.speed import to_its_end
 from taichi_slm.verification.case import Curve
 
 OURS, THEIRS = "taichi-slm", "PySPH"
@@ -146,13 +144,7 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
 
 def profile(level: int) -> dict[str, Any]:
     """All steps of our elliptic drop with a clock on every pass: {"passes": a row for each}."""
-    sim = started("elliptic", level, "rings", 1.0)
-    sim.step()  # the first launches
-    watch, first, began = Watch(sim), sim.steps, time.perf_counter()
-    with watch.watching():
-        sim.run()
-    block = Block(time.perf_counter() - began, sim.steps - first, sim.rows.hot, sim.rows.mobile, watch.passes)
-    return {"passes": shares([block], sim.scene.count)}
+    return to_its_end(started("elliptic", level, "rings", 1.0))
 
 
 def absent(missing: str) -> list[dict[str, Any]]:

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, machine
-from taichi_slm.benchmark.passes import Watch
 from taichi_slm.benchmark.report import Findings
-from taichi_slm.benchmark.speed import Block, shares
+from taichi_slm.benchmark.speed import to_its_end
 from taichi_slm.config.load import load_config
 from taichi_slm.run.simulation import Simulation
 
@@ -117,18 +116,7 @@ def fill_cache(scene: str, changes: list[str]) -> dict[str, Any]:
 
 def profile(scene: str, changes: list[str]) -> dict[str, Any]:
     """All steps of a scene on all cores: seconds, how busy the cores were, a row for every pass."""
-    sim = Simulation(load_config(scene, changes).config)
-    sim.step()  # the first launches
-    watch, first, active, moving, heat_steps = Watch(sim), sim.steps, 0, 0, 0
-    began, busy = time.perf_counter(), time.process_time()
-    with watch.watching():
-        while not sim.finished:
-            sim.step()
-            active, moving, heat_steps = active + sim.rows.hot, moving + sim.rows.mobile, heat_steps + 1
-    seconds, busy = time.perf_counter() - began, time.process_time() - busy
-    active, moving = round(active / heat_steps), round(moving / heat_steps)
-    block = Block(seconds, sim.steps - first, active, moving, watch.passes)
-    return {"seconds": seconds, "busy": busy / seconds, "passes": shares([block], active)}
+    return to_its_end(Simulation(load_config(scene, changes).config))
 
 
 def limit(found: dict[str, Any], slower: dict[str, float]) -> dict[str, float]:

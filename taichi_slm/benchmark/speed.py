@@ -114,6 +114,21 @@ def profile(scene: str, precision: str, quick: bool) -> dict[str, Any]:
     return {"step": step, "passes": shares(found, active)}
 
 
+def to_its_end(sim: Simulation) -> dict[str, Any]:
+    """All steps of ``sim`` with a clock on every pass: seconds, cores at work, {"passes": a row for each}."""
+    sim.step()  # the first launches
+    watch, first, active, moving, heat_steps = Watch(sim), sim.steps, 0, 0, 0
+    began, busy = time.perf_counter(), time.process_time()
+    with watch.watching():
+        while not sim.finished:
+            sim.step()
+            active, moving, heat_steps = active + sim.rows.hot, moving + sim.rows.mobile, heat_steps + 1
+    seconds, busy = time.perf_counter() - began, time.process_time() - busy
+    active, moving = round(active / heat_steps), round(moving / heat_steps)
+    block = Block(seconds, sim.steps - first, active, moving, watch.passes)
+    return {"seconds": seconds, "busy": busy / seconds, "passes": shares([block], active)}
+
+
 @dataclass(frozen=True)
 class Block:
     """Some steps with a clock on every pass."""
