@@ -24,17 +24,20 @@ import fake_run
 from taichi_slm.run import driver
 out = Path(sys.argv[2])
 resumed = (out / "checkpoints").is_dir() and any((out / "checkpoints").glob("*.npz"))
+
+class Slow:  # takes its time, so that there is something to kill
+    def advance(self, *until):
+        time.sleep(float(sys.argv[3]))
+        super().advance(*until)
 """
 
 COMET = (
     BEGIN
     + """
-class Slow(fake_run.FakeSimulation):  # a comet that takes its time, so that there is something to kill
-    def advance(self, *until):
-        time.sleep(float(sys.argv[3]))
-        super().advance(*until)
+class SlowComet(Slow, fake_run.FakeSimulation):
+    pass
 
-driver._build = lambda config, *_: Slow(config)
+driver._build = lambda config, *_: SlowComet(config)
 output = {"history_interval": 1e-6, "snapshot_interval": 1e-6, "checkpoint_interval": 1e-6, "images": []}
 if resumed:
     driver.resume(out)
@@ -51,12 +54,10 @@ import conftest
 from taichi_slm.config.schema import Config
 from taichi_slm.run.simulation import Simulation
 
-class Slow(Simulation):  # nor does the true solver give much time to kill it in
-    def advance(self, *until):
-        time.sleep(float(sys.argv[3]))
-        super().advance(*until)
+class SlowMelt(Slow, Simulation):
+    pass
 
-driver._build = lambda config, arch, precision, threads: Slow(config, arch=arch, precision=precision, threads=threads)
+driver._build = lambda config, arch, precision, threads: SlowMelt(config, None, arch, precision, threads)
 output = {"history_interval": 5e-7, "snapshot_interval": 2e-6, "checkpoint_interval": 1e-6, "images": []}
 if resumed:
     driver.resume(out)
