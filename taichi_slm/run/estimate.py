@@ -190,7 +190,6 @@ def memory_bytes(
 def state_bytes(config: Config, real: int = 8) -> float:
     """Bytes of one particle's fields, by the groups of state.py; ``real`` is 8 for f64, 4 for f32."""
     physics, d = config.physics, config.dimension
-    surface = physics.flow or physics.radiation or physics.evaporation
     words = 6 + 2 * d
     doubles = 0
     if physics.heat:
@@ -198,7 +197,7 @@ def state_bytes(config: Config, real: int = 8) -> float:
     if physics.flow:
         words += 4 + 3 * d
         doubles += int(physics.viscous_heating)
-    if surface:
+    if _has_surface(config):
         words += 1 + 2 * d
     if physics.surface_tension or physics.marangoni or physics.recoil:
         words += 3 + d
@@ -208,10 +207,17 @@ def state_bytes(config: Config, real: int = 8) -> float:
 def on_demand_bytes(config: Config, real: int = 8) -> float:
     """Bytes of one particle's fields that it needs only once it is hot, or moves: those of `Blocks` in state.py."""
     physics, d = config.physics, config.dimension
-    moving = 1 + 4 * d if physics.flow else 0
+    moving = 1 + 3 * d if physics.flow else 0
+    if _has_surface(config):
+        moving += 1 + 2 * d
     if physics.surface_tension or physics.marangoni or physics.recoil:
         moving += 1 + d
     return real * moving + (8 * 5 + real * 2 if physics.heat else 0)
+
+
+def _has_surface(config: Config) -> bool:
+    physics = config.physics
+    return physics.flow or physics.radiation or physics.evaporation
 
 
 def output_bytes(config: Config, count: int) -> tuple[int, float]:
