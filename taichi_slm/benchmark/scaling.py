@@ -177,9 +177,8 @@ def cold_memory(width: float, precision: str) -> dict[str, Any]:
         sim.step()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT
     arrays = (values for values in vars(sim.scene).values() if hasattr(values, "nbytes"))
-    scene = sum(
-        values.nbytes for values in arrays if 0 not in values.strides
-    )  # a view of one row takes nothing
+    # a view of one row takes nothing
+    scene = sum(values.nbytes for values in arrays if 0 not in values.strides)
     return {"particles": sim.scene.count, "active particles": sim.rows.hot, "peak": peak, "scene": scene}
 
 

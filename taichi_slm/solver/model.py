@@ -138,9 +138,8 @@ class Model:
     def _compile_setters(self) -> tuple[Any, Any]:
         state = self.state
         set_properties = property_setter(state, self.tables, self._alpha)
-        body = ti.field(
-            ti.i32, shape=state.count if self.scene.programs else 1
-        )  # set_body is for programs alone
+        # set_body is for programs alone
+        body = ti.field(ti.i32, shape=state.count if self.scene.programs else 1)
         if self.scene.programs:
             body.from_numpy(np.ascontiguousarray(self.scene.body, np.int32))
 
