@@ -1,6 +1,7 @@
 """`taichi-slm bench`: what is measured has the right shape, C++ and Taichi agree, skips change what they may."""
 
 import csv
+import math
 import shutil
 from pathlib import Path
 
@@ -137,17 +138,39 @@ def test_skips_change_what_they_may():
 
 
 def test_a_point_of_a_curve_is_a_run_of_the_case():
-    default = accuracy.point("neumann", 8)
-    shorter = accuracy.point("neumann", 8, step=0.5)
+    default = accuracy.point("neumann", 8, alone=True)
+    shorter = accuracy.point("neumann", 8, step=0.5, alone=True)
     assert default["error"] < 0.01
     assert default["seconds"] > 0
     assert shorter["steps"] > 1.3 * default["steps"]
+
+
+def test_an_error_is_that_of_several_runs():
+    """The root mean square over the levels that stand for one; the rest is of that one itself."""
+    of_each = {level: accuracy.point("neumann", level, alone=True) for level in (6, 7, 8, 9, 10)}
+    found = accuracy.point("neumann", 8)
+    errors = [run["error"] for run in of_each.values()]
+    assert found["error"] == pytest.approx(math.hypot(*errors) / math.sqrt(5), rel=1e-9)
+    assert (found["steps"], found["runs"]) == (of_each[8]["steps"], 5)
+    assert accuracy.FIVE(50e-6)[0] == 50e-6
+
+
+def test_settings_are_dominated_by_others_at_their_resolution():
     rows = [
-        {"settings": "f64", "seconds": 2.0, "error": 0.2},
-        {"settings": "f32", "seconds": 1.0, "error": 0.1},
+        {"settings": "f64", "resolution": "8", "seconds": 2.0, "error": 0.2},
+        {"settings": "f32", "resolution": "8", "seconds": 1.0, "error": 0.15},
+        {"settings": "f64", "resolution": "14", "seconds": 9.0, "error": 0.3},
+        {"settings": "step x 1.5", "resolution": "14", "seconds": 6.0, "error": 0.4},
+        {"settings": "paper's forms", "resolution": "14", "failure": "blew up"},
     ]
     accuracy.add_front(rows)
-    assert rows[0]["dominated by"] == 2.0
+    assert rows[0]["dominated by"] == pytest.approx(0.2 / 0.15)
+    assert rows[2]["dominated by"] == pytest.approx(0.3 / 0.4)
+    title = "Static drop: Laplace jump"
+    table = {"name": "accuracy_static_drop", "title": title, "columns": ["settings", "resolution", "dominated by"],
+             "rows": [["f64", "8", 1.04], ["f64", "14", 1.2], ["f32", "8", None]]}  # fmt: skip
+    (goal,) = asked_and_reached({"subjects": {"accuracy": {"tables": [table]}}})
+    assert (goal["asked"], goal["reached"], goal["kept"]) == ("at most 1.05", 1.2, f'no: see "{title}"')
 
 
 def test_a_process_that_fails_is_a_sentence():

@@ -7,6 +7,7 @@ its speed; and if all cores had work all the time. It is arithmetic on what was 
 """
 
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -44,7 +45,7 @@ MILLIMETRE = (
 SCENES = (
     WholeScene("track_150W", seconds=20.0),
     WholeScene("spot_weld_3ms", seconds=20.0),
-    WholeScene("spot_weld_3ms", ("spacing=25 um",), 240.0, profiled=False),
+    WholeScene("spot_weld_3ms", ("spacing=25 um",), 240.0),
     WholeScene("track_3d", MILLIMETRE, 3600.0, profiled=False),
 )
 QUICK = (WholeScene("track_150W", ("time.end=20 us",)), WholeScene("spot_weld_3ms", ("time.end=60 us",)))
@@ -76,8 +77,8 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
         if "failure" in found:
             limits.append({"scene": scene.name, "failure": found["failure"]})
             continue
-        name = scene.shipped.replace("_", " ")
-        findings.table(f"reach_{scene.shipped}", f"Where the time goes: {name}, all steps", found["passes"])
+        name = "_".join(re.findall(r"\w+", scene.name))
+        findings.table(f"reach_{name}", f"Where the time goes: {scene.name}, all steps", found["passes"])
         limits.append({"scene": scene.name} | limit(found, slower))
     findings.table("reach_limits", "What would be left of the steps", limits)
 
