@@ -8,7 +8,8 @@ from taichi_slm.output.snapshots import Snapshot
 from taichi_slm.render.frame import Frame
 
 DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
-BACKING_RADIUS = 0.76  # [dx]
+BACKING = 0.74  # half a side of the square behind a disc [dx]
+SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 BACKING_SHADE = 0.9
 ARROW_CELL, ARROW_LENGTH = 26, 60  # one velocity arrow in a square of this side, the longest one [px]
 REACH = 2.1  # [dx]
@@ -30,8 +31,9 @@ class Particles:
     """What is drawn of one snapshot; the same for all its pictures but for the colours.
 
     Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
-    a pattern. A larger disc, a little darker, lies behind every particle that has metal on all sides, and
-    fills them; at the surface there is none, so that the outline is that of the true discs.
+    a pattern. A larger square, a little darker, lies behind every particle that has metal on all sides, and
+    fills them; at the surface there is none, so that the outline is that of the true discs. (A square, since
+    software draws at the pace of its triangles: two instead of the six of a disc.)
     """
 
     def __init__(self, snapshot: Snapshot, pixels: float) -> None:
@@ -46,7 +48,7 @@ class Particles:
             angle = 2.0 * np.pi * np.arange(corners) / corners
             circle = dx * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             self.mesh = polygons(position, circle / np.sqrt(np.pi), 0.0)
-            self.backing = polygons(position[self.backed], BACKING_RADIUS * circle, -0.1 * dx)
+            self.backing = polygons(position[self.backed], BACKING * dx * SQUARE, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
             still = snapshot.arrays["ever_liquid"][half] == 0  # a melt is too loose to hide what is behind
