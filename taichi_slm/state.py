@@ -21,7 +21,7 @@ class Needs:
     tension: bool  # curvature and surface forces
     balanced: bool  # capillary pressure through the operator of the pressure gradient
     shifting: bool
-    wall_velocity: bool
+    shown_velocity: bool
     losses: bool  # radiation, evaporation
     viscous_heating: bool
     printed_leapfrog: bool
@@ -96,9 +96,9 @@ class State:
             self.reference_position = vector("reference_position", of=moving)
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force", of=moving)  # [N] from walls on a mobile particle; momentum
-        if needs.wall_velocity:
-            # [m/s] that a still particle shows to viscosity; walls
-            self.wall_velocity = vector("wall_velocity")
+        if needs.shown_velocity:
+            # [m/s] that viscosity sees: a mobile particle's own, a still one's by what walls ask for; walls
+            self.shown_velocity = vector("shown_velocity")
         if needs.printed_leapfrog:
             self.acceleration_before = vector("acceleration_before", of=moving)  # [m/s^2]; kick
         if needs.surface:

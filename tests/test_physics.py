@@ -141,7 +141,8 @@ def operators(configure, liquid):
     for degrees in (0, 30, 45):  # a flow along e, parabolic across it, whatever the rows of the lattice
         e = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
         across = np.array([-e[1], e[0]])
-        sim.state.load(velocity=(np.stack([x, y], axis=1) @ across)[:, None] ** 2 * e)
+        shear = (np.stack([x, y], axis=1) @ across)[:, None] ** 2 * e
+        sim.state.load(velocity=shear, shown_velocity=shear)
         flow.momentum(0.0)
         found[f"shear {degrees}"] = sim.state.array("acceleration") @ np.stack([e, across], axis=1)
 
@@ -149,7 +150,8 @@ def operators(configure, liquid):
     velocity = np.random.default_rng(8).normal(size=(n * n, 2))
     still = np.arange(n * n) % 5 == 0
     velocity[still] = 0.0
-    sim.state.load(velocity=velocity, mobility=np.where(still, STILL, MOBILE), viscous_work=np.zeros(n * n))
+    held = {"mobility": np.where(still, STILL, MOBILE), "viscous_work": np.zeros(n * n)}
+    sim.state.load(velocity=velocity, shown_velocity=velocity, **held)
     flow.momentum(1e-6)
     found["work"] = sim.state.array("viscous_work").sum() / 1e-6
     acceleration = sim.state.array("acceleration")
@@ -158,7 +160,8 @@ def operators(configure, liquid):
     sim.state.load(velocity=np.stack([3.0 * x, -1.0 * y], axis=1))
     flow.continuity()
     found["rate"], found["shepard"] = sim.state.array("density_rate"), sim.state.array("shepard")
-    sim.state.load(velocity=np.zeros((n * n, 2)), density=rho * (1 + 1e-4 * (2 * x + y)))
+    rest = np.zeros((n * n, 2))
+    sim.state.load(velocity=rest, shown_velocity=rest, density=rho * (1 + 1e-4 * (2 * x + y)))
     flow.advance(0.0, 0.0)
     found["pressure"] = sim.state.array("pressure")
     even = {"density": np.full(n * n, rho), "volume": np.full(n * n, dx**2)}

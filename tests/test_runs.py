@@ -282,7 +282,7 @@ def test_what_is_off_is_not_allocated(track):
     }
     assert names - conduction == flow_alone | surface_alone | {
         "wall_force",
-        "wall_velocity",
+        "shown_velocity",
         "viscous_work",
         "surface_tension_slope",
         "surface_area",

@@ -82,7 +82,8 @@ def test_the_traction_is_what_the_viscous_sum_lacks(square):
     x, y = sim.position.T
     shear = 50.0  # [1/s]
     sim.impose(2000 + MU * shear / SLOPE * (x - x.mean()))
-    sim.state.load(velocity=np.stack([shear * y, np.zeros_like(y)], axis=1))
+    velocity = np.stack([shear * y, np.zeros_like(y)], axis=1)
+    sim.state.load(velocity=velocity, shown_velocity=velocity)
     sim.surface.step()
     zero = np.zeros(N * N)
     sim.state.load(background=zero, pressure=zero)
@@ -120,7 +121,7 @@ def test_only_shear_counts_as_shear(dimension):
 
 
 def shift_of(sim, velocity):
-    sim.state.load(velocity=velocity)
+    sim.state.load(velocity=velocity, shown_velocity=velocity)
     sim.flow_step.flow.momentum(1e-9)
     return sim.state.array("shift")
 
@@ -177,10 +178,10 @@ def test_what_a_wall_shows_to_a_uniform_flow(square, walls):
     sim.flow_step.flow.walls()
     beside = ~liquid_ones & (y > -2 * DX) & (np.abs(x - x.mean()) < 6 * DX)
     expected = np.array([-2.0 if walls == "no_slip" else 2.0, -3.0])
-    shown = sim.state.array("wall_velocity")[beside]
+    shown = sim.state.array("shown_velocity")[beside]
     assert shown == pytest.approx(np.broadcast_to(expected, shown.shape), abs=1e-12)
     deep = ~liquid_ones & (y < -2.4 * DX)  # beyond the support
-    assert (sim.state.array("wall_velocity")[deep] == 0.0).all()
+    assert (sim.state.array("shown_velocity")[deep] == 0.0).all()
 
 
 def test_a_small_ball_has_the_curvature_of_a_ball(configure, liquid):

@@ -29,7 +29,8 @@ class Watch:
         flow = sim.flow_step.flow if sim.flow_step is not None else None
         self._parts = {"cells": sim.activity.cells, "lists": sim.rows, "ejection": sim.activity.ejection,
                        "flow": flow, "surface": sim.surface, "heat": sim.heat, "laser": sim.bins,
-                       "surroundings": sim.heat.surroundings if sim.heat is not None else None}  # fmt: skip
+                       "surroundings": sim.heat.surroundings if sim.heat is not None else None,
+                       "accounts": sim.accounts.survey}  # fmt: skip
         self.passes: dict[str, Pass] = {}
 
     def kernels(self) -> Iterator[tuple[str, Any, str, Callable[..., Any]]]:

@@ -93,9 +93,10 @@ class Twin:
 
 def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
     """The passes of a 2-D drop without walls, radiation and viscous heating; ``dt`` [s] of the momentum pass."""
+    flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
+    flow.walls()  # everybody shows the velocity that momentum reads
     exported = _Exported(sim, precision)
     exported.check_forms()
-    flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
     launches: dict[str, Callable[[float], None]] = {
         "momentum": lambda step: flow._momentum(rows.mobile, step, True),
         "continuity": lambda _: flow._continuity(rows.mobile, True),

@@ -22,8 +22,10 @@ from typing import Any
 
 from taichi_slm.backend import LIST_ROOM
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, processes_in_turn, ratio
+from taichi_slm.benchmark.passes import Watch
 from taichi_slm.benchmark.report import Findings
 from taichi_slm.benchmark.scenes import drop, track, warm, weld
+from taichi_slm.benchmark.speed import Block, shares
 from taichi_slm.config.load import load_config
 from taichi_slm.config.schema import Config
 from taichi_slm.run.simulation import Simulation
@@ -44,7 +46,31 @@ def compute(findings: Findings, quick: bool, yardstick: Yardstick) -> None:
 
 
 def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, Any]:
-    """``count`` heat steps of a scene.
+    """``count`` heat steps of a scene, see `_with_a_pool`."""
+    sim = _with_a_pool(scene, size, threads)
+    before, began = sim.steps, time.perf_counter()
+    for _ in range(count):
+        sim.step()
+    seconds = time.perf_counter() - began
+    return {"particles": sim.scene.count, "active particles": sim.rows.hot, "moving particles": sim.rows.mobile,
+            "us per flow step": 1e6 * seconds / (sim.steps - before)}  # fmt: skip
+
+
+def passes(scene: str, size: float, count: int) -> dict[str, float]:
+    """The same with a clock on every pass: us per flow step of each."""
+    sim = _with_a_pool(scene, size, 1)
+    watch, before, began = Watch(sim), sim.steps, time.perf_counter()
+    with watch.watching():
+        for _ in range(count):
+            sim.step()
+    seconds, active = time.perf_counter() - began, sim.rows.hot
+    block = Block(seconds, sim.steps - before, active, sim.rows.mobile, watch.passes)
+    rows = shares([block], active)
+    return {row["pass"]: 1e-3 * active * row["ns per active particle and flow step"] for row in rows}
+
+
+def _with_a_pool(scene: str, size: float, threads: int) -> Simulation:
+    """A scene with a pool, and every kernel of it launched.
 
     "drop" of R/dx ``size``, "track" on a plate ``size`` times as deep, "track_3d" on one as much wider and deeper.
     """
@@ -53,15 +79,9 @@ def steps(scene: str, size: float, count: int, threads: int = 1) -> dict[str, An
     sim = Simulation(config, threads=threads)
     if scene == "drop":
         warm(sim)
-    # until there is a pool, and every kernel was launched
     for _ in range({"drop": 8, "track": 60, "track_3d": 120}[scene]):
         sim.step()
-    before, began = sim.steps, time.perf_counter()
-    for _ in range(count):
-        sim.step()
-    seconds = time.perf_counter() - began
-    return {"particles": sim.scene.count, "active particles": sim.rows.hot, "moving particles": sim.rows.mobile,
-            "us per flow step": 1e6 * seconds / (sim.steps - before)}  # fmt: skip
+    return sim
 
 
 def _wide_track(size: float) -> Config:
@@ -92,12 +112,33 @@ def _cold(
     findings.table("scaling_cold", "Cold metal under one pool", rows,
                    "Plates that are so many times 100 um deep; a single one is warm to its bottom.")  # fmt: skip
     _plot(findings, "scaling_cold", "Cold metal under one pool", rows, "us per flow step")
+    _cold_passes(findings, jobs, rounds, yardstick)
     wide = {f"track_3d, plate x {size:g}": {"scene": "track_3d", "size": size, "count": 20 if quick else 60}
             for size in ((1.0, 1.5) if quick else (1.0, 1.6, 2.4, 3.0))}  # fmt: skip
     rows = _in_turn(wide, 1 if quick else 2, yardstick)
     findings.table("scaling_cold_3d", "Cold metal around a track in 3-D", rows,
                    "The shipped scene on plates that are so many times as wide and as deep. From 400,000 particles on "
                    "lists lie in blocks that take memory on demand, and cost more to read.")  # fmt: skip
+
+
+def _cold_passes(
+    findings: Findings, jobs: dict[str, dict[str, Any]], rounds: int, yardstick: Yardstick
+) -> None:
+    """Of every pass, its time under the thinnest and under the thickest plate."""
+    names = list(jobs)
+    ends = {name: jobs[name] for name in (names[0], names[-1])}
+    found = processes_in_turn(ends, "benchmark.scaling:passes", rounds, yardstick)
+    rows: list[dict[str, Any]] = [runs[0] for runs in found.values() if "failure" in runs[0]]
+    if not rows:
+        thin, thick = (
+            {name: statistics.median(run.get(name, 0.0) for run in runs) for name in runs[0]}
+            for runs in found.values()
+        )
+        first, last = (f"{name}, us per flow step" for name in ends)
+        rows = [{"pass": name, first: thin.get(name, 0.0), last: us, "more": us - thin.get(name, 0.0)}
+                for name, us in thick.items()]  # fmt: skip
+        rows.sort(key=lambda row: -row["more"])
+    findings.table("scaling_cold_passes", "Where more cold metal costs time", rows)
 
 
 def _size(findings: Findings, rounds: int, resolutions: tuple[int, ...], yardstick: Yardstick) -> None:

@@ -36,14 +36,14 @@ class Accounts:
 
     def __init__(self, simulation: "Simulation"):
         self._sim = simulation
-        self._survey = Survey(simulation.state, simulation.disc, simulation.ledger)
+        self.survey = Survey(simulation.state, simulation.disc, simulation.ledger)
         self._d = simulation.disc.dimension
         self.incident = 0.0  # laser energy that reached the scene, times the absorptivity [J]
 
     def row(self) -> dict[str, float | int | str]:
         """Column -> value, the names of the history file."""
         sim = self._sim
-        found = self._survey()
+        found = self.survey()
         energy, removed_mass = self._accounts(found)
         books = self.books(found)
         low, mean, high = self._packing(int(found[MOBILE_COUNT]))
@@ -84,7 +84,7 @@ class Accounts:
     def books(self, found: np.ndarray | None = None) -> Books:
         """The errors of the accounts, from a survey: ``found``, or a new one."""
         sim = self._sim
-        found = self._survey() if found is None else found
+        found = self.survey() if found is None else found
         (energy, removed_mass), stored = self._accounts(found), float(found[STORED])
         brought = energy["absorbed"] + energy["viscous"]
         left = energy["radiated"] + energy["evaporated"] + energy["conducted_out"] + energy["removed"]
@@ -107,7 +107,7 @@ class Accounts:
 
     def present_mass(self) -> float:
         """Mass of all particles that are not removed [kg], summed in the order of every later sum."""
-        return float(self._survey()[PRESENT_MASS])
+        return float(self.survey()[PRESENT_MASS])
 
     def momentum(self) -> dict[str, list[float]]:
         """The momentum account by name [N s]: present = initial + gravity + walls + surface - frozen - removed."""
@@ -116,7 +116,7 @@ class Accounts:
         return {
             "initial": sim.initial_momentum.tolist(),
             **parts,
-            "present": self._momentum(self._survey()).tolist(),
+            "present": self._momentum(self.survey()).tolist(),
         }
 
     def _momentum_error(self, found: np.ndarray) -> float:

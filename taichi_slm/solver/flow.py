@@ -1,7 +1,7 @@
 """The flow passes: one loop over neighbours each, which calls one function per term.
 
 advance     half drift, density, equation of state, capillary background
-walls       pressure, and velocity, that the still particles beside the liquid show to it
+walls       pressure, and velocity, that the still particles beside the liquid show to it; the liquid shows its own
 momentum    pressure, viscosity, gravity, surface forces -> acceleration; shift (momentum.py)
 kick        velocity, half drift, shift
 continuity  velocity divergence, diffusion, packing -> density rate; mean background
@@ -42,7 +42,7 @@ class FlowPasses:
         self._advance(mobile, drift, density, self._schedule.plain(mobile))
 
     def walls(self) -> None:
-        """Extrapolate the liquid's pressure and velocity to the still particles beside it."""
+        """Extrapolate the liquid's pressure and velocity to the still particles beside it; and show its own."""
         self._walls(self._rows.flow, self._schedule.alone(self._rows.flow))
 
     def momentum(self, dt: float) -> None:
@@ -86,7 +86,7 @@ class FlowPasses:
         extrapolated = wall_pressure(disc.gravity, disc.dimension - 1)
         uses_shepard = disc.uses_shepard
         at_zero = float(disc.flow_kernel.value(0.0))
-        clamps, shows_velocity = ledger.clamps, state.needs.wall_velocity
+        clamps, shows_velocity = ledger.clamps, state.needs.shown_velocity
         shown = wall_velocity(disc.numerics.walls == "no_slip")
 
         @direct
@@ -95,7 +95,10 @@ class FlowPasses:
             ti.loop_config(serialize=alone)
             for k in range(flow):
                 a = rows.rows[k]
-                if state.mobility[a] != MOBILE:
+                if state.mobility[a] == MOBILE:
+                    if ti.static(shows_velocity):
+                        state.shown_velocity[a] = state.velocity[a]
+                else:
                     x = state.position[a]
                     total = x[0] * 0.0
                     weight = x[0] * 0.0
@@ -122,7 +125,7 @@ class FlowPasses:
                             ti.atomic_add(clamps[WALL_SUCTION], 1)
                     state.pressure[a] = p
                     if ti.static(shows_velocity):
-                        state.wall_velocity[a] = shown(velocity / ti.max(weight, 1e-30), away)
+                        state.shown_velocity[a] = shown(velocity / ti.max(weight, 1e-30), away)
                     if ti.static(uses_shepard):
                         state.shepard[a] = gamma
 

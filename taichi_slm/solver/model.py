@@ -40,7 +40,7 @@ def needs_of(config: Config) -> Needs:
         tension=tension,
         balanced=tension and physics.surface_tension and numerics.tension == "balanced",
         shifting=physics.flow and shifting_strength(config) > 0,
-        wall_velocity=physics.flow and numerics.walls != "no_slip_centres",
+        shown_velocity=physics.flow and numerics.walls != "no_slip_centres",
         losses=losses,
         viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
         printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
