@@ -31,8 +31,8 @@ def needed_tables(state: State) -> tuple[str, ...]:
     return names
 
 
-def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float) -> Any:
-    """The Taichi function (particle, T) that writes every property at temperature T.
+def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float) -> tuple[Any, Any]:
+    """The Taichi functions (particle, T) that write every property at temperature T; and those that conduction reads.
 
     ``alpha_viscosity``: kinematic artificial viscosity [m^2/s], added as rho times it.
     """
@@ -45,10 +45,23 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
     kirchhoff = tables.reader("kirchhoff") if needs.heat else None
 
     @ti.func
+    def set_conducting(a, T, m, knot, fraction):
+        state.temperature[a] = T
+        if ti.static(needs.heat):
+            state.conductivity[a] = conductivity(m, knot, fraction)
+            state.kirchhoff[a] = kirchhoff(m, knot, fraction)
+
+    @ti.func
+    def set_thermal(a, T):
+        m = state.material[a]
+        knot, fraction = tables.locate(m, T)
+        set_conducting(a, T, m, knot, fraction)
+
+    @ti.func
     def set_properties(a, T):
         m = state.material[a]
         knot, fraction = tables.locate(m, T)
-        state.temperature[a] = T
+        set_conducting(a, T, m, knot, fraction)
         s = tables.liquid_fraction(m, T)
         state.liquid_fraction[a] = s
         if s >= 0.5:
@@ -60,11 +73,8 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
         if ti.static(needs.tension):
             state.surface_tension[a] = sigma(m, knot, fraction)
             state.surface_tension_slope[a] = sigma_slope(m, knot, fraction)
-        if ti.static(needs.heat):
-            state.conductivity[a] = conductivity(m, knot, fraction)
-            state.kirchhoff[a] = kirchhoff(m, knot, fraction)
 
-    return set_properties
+    return set_properties, set_thermal
 
 
 def phase_setter(state: State) -> tuple[Any, Any]:

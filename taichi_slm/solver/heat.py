@@ -64,9 +64,10 @@ class HeatPasses:
             self._super_step(dt, lit, stages_for(dt / stable))
         else:
             first = self._powers(lit, dt)
-            self._predict(hot, dt, plain)
+            euler = self._scheme == "euler"
+            self._predict(hot, dt, euler, plain)
             mean = first
-            if self._scheme != "euler":
+            if not euler:
                 for sweep in range(self._sweeps if self._scheme == "trapezoid" else 1):
                     last = self._powers(lit, dt)
                     self._correct(hot, 0.5 * dt, plain)
@@ -99,14 +100,14 @@ class HeatPasses:
 
         w = 4.0 / (stages * stages + stages - 2.0)
         first = self._powers(lit, dt)
-        self._predict(hot, b(1) * w * dt, plain)
+        self._predict(hot, b(1) * w * dt, False, plain)
         booked, before = b(1) * w * dt * first, np.zeros_like(first)
         for j in range(2, stages + 1):
             mu = (2.0 * j - 1.0) / j * b(j) / b(j - 1)
             nu = -(j - 1.0) / j * b(j) / b(j - 2)
             new, old = mu * w * dt, -(1.0 - b(j - 1)) * mu * w * dt
             powers = self._powers(lit, dt)
-            self._stage(hot, j == 2, mu, nu, new, old, plain)
+            self._stage(hot, j == 2, mu, nu, new, old, j == stages, plain)
             booked, before = mu * booked + nu * before + new * powers + old * first, booked
         self.sweeps = stages
         self._ledger.book(POWERS, booked)
@@ -202,7 +203,7 @@ class HeatPasses:
     def _compile_scheme(self, state: State, rows: Neighbours, disc: Discretisation, tables: MaterialTables,
                         band_heat_capacity: np.ndarray, alpha_viscosity: float) -> tuple[Any, Any, Any]:  # fmt: skip
         apparent = disc.numerics.latent_heat == "apparent"
-        set_properties = property_setter(state, tables, alpha_viscosity)
+        set_properties, set_thermal = property_setter(state, tables, alpha_viscosity)
         capacity, enthalpy_of = tables.reader("heat_capacity"), tables.reader("enthalpy")
         band = ti.field(ti.f64, shape=len(band_heat_capacity))
         band.from_numpy(np.asarray(band_heat_capacity, np.float64))
@@ -231,16 +232,20 @@ class HeatPasses:
             return result
 
         @ti.func
-        def settle(a, thermal):
+        def settle(a, thermal, last: ti.template()):
+            """Give the particle its thermal state; between stages only with what the rates read."""
             m = state.material[a]
+            T = ti.cast(thermal, disc.real)
             if ti.static(apparent):
-                T = ti.cast(thermal, disc.real)
                 knot, fraction = tables.locate(m, T)
                 state.enthalpy[a] = enthalpy_of(m, knot, fraction)
-                set_properties(a, T)
             else:
                 state.enthalpy[a] = thermal
-                set_properties(a, ti.cast(tables.temperature_of(m, thermal), disc.real))
+                T = ti.cast(tables.temperature_of(m, thermal), disc.real)
+            if ti.static(last):
+                set_properties(a, T)
+            else:
+                set_thermal(a, T)
 
         @ti.func
         def free(a):
@@ -248,7 +253,7 @@ class HeatPasses:
 
         @direct
         @ti.kernel
-        def predict(hot: ti.i32, dt: ti.f64, alone: ti.template()):
+        def predict(hot: ti.i32, dt: ti.f64, last: ti.template(), alone: ti.template()):
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -257,7 +262,7 @@ class HeatPasses:
                     before = thermal_state(a)
                     state.enthalpy_before[a] = before
                     state.heating_before[a] = rate
-                    settle(a, before + dt * rate)
+                    settle(a, before + dt * rate, last)
 
         @direct
         @ti.kernel
@@ -268,7 +273,8 @@ class HeatPasses:
                 a = rows.hot_rows[k]
                 if free(a):
                     T = state.temperature[a]
-                    settle(a, state.enthalpy_before[a] + half * (state.heating_before[a] + rate_of(a)))
+                    mean = state.heating_before[a] + rate_of(a)
+                    settle(a, state.enthalpy_before[a] + half * mean, True)
                     ti.atomic_max(change[None], ti.cast(abs(state.temperature[a] - T) / T, ti.f64))
 
         @direct
@@ -280,6 +286,7 @@ class HeatPasses:
             nu: ti.f64,
             new: ti.f64,
             old: ti.f64,
+            last: ti.template(),
             alone: ti.template(),
         ):
             ti.loop_config(serialize=alone)
@@ -293,7 +300,7 @@ class HeatPasses:
                         past = state.enthalpy_past[a]
                     state.enthalpy_past[a] = present
                     step = new * rate_of(a) + old * state.heating_before[a]
-                    settle(a, mu * present + nu * past + (1.0 - mu - nu) * start + step)
+                    settle(a, mu * present + nu * past + (1.0 - mu - nu) * start + step, last)
 
         return predict, correct, stage
 

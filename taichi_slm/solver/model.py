@@ -137,7 +137,7 @@ class Model:
 
     def _compile_setters(self) -> tuple[Any, Any]:
         state = self.state
-        set_properties = property_setter(state, self.tables, self._alpha)
+        set_properties, _ = property_setter(state, self.tables, self._alpha)
         # set_body is for programs alone
         body = ti.field(ti.i32, shape=state.count if self.scene.programs else 1)
         if self.scene.programs:
