@@ -1,5 +1,7 @@
 """Who has work to do: what the sets leave out must not change the accounts."""
 
+import numpy as np
+
 from taichi_slm.benchmark.scenes import track
 from taichi_slm.run.simulation import Simulation
 
@@ -40,3 +42,26 @@ def test_the_rim_grows_with_the_heat_step():
         spans.append(sim.time - before)
     assert max(spans[-20:-2]) > 3.0 * spans[2]
     assert sim.diagnostics()["energy_error"] < 1e-8
+
+
+def test_cells_that_follow_are_those_of_a_look_at_everybody():
+    """A melting track under a moving beam chooses its hot rows some ten times, and builds its cells once."""
+    sim = Simulation(track(4, plate=2.0, duration=60e-6))
+    while sim.activity.choices < 10:
+        sim.step()
+    cells = sim.activity.cells
+    sim.activity.outgrown = True
+    sim.activity.neighbours()
+    hot = sim.rows.hot_rows.to_numpy()[: sim.rows.hot]
+    followed = [field.to_numpy() for field in (cells.count, cells.home, cells.active)]
+    members = cells.items.to_numpy()
+    sim.activity.warmed()
+    sim.activity.outgrown = True
+    sim.activity.neighbours()
+    anew = [field.to_numpy() for field in (cells.count, cells.home, cells.active)]
+    assert sim.rows.mobile > 10
+    for mine, theirs in zip(followed, anew, strict=True):
+        assert np.array_equal(mine, theirs)
+    used = np.arange(members.shape[1]) < anew[0][:, None]
+    assert np.array_equal(members[used], cells.items.to_numpy()[used])
+    assert np.array_equal(hot, sim.rows.hot_rows.to_numpy()[: sim.rows.hot])

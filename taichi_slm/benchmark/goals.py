@@ -116,7 +116,7 @@ GOALS = (
     *_pysph("square"),
     *_pysph("elliptic"),
     Goal("ten times as much cold plate: times as long", AT_MOST, 1.1, "scaling_cold", "time over the first",
-         {"scene": "plate x 30"}, see="Cold metal under one pool"),
+         {"scene": "plate x 30"}, see="Where more cold metal costs time"),
     _start("--help", 0.3, "taichi-slm --help"),
     _start("validate", 1.0, "taichi-slm validate"),
     _start("process to first step, warm", 3.0, "process to first step, kernels in the cache"),

@@ -8,7 +8,6 @@ import numpy as np
 from taichi_slm.solver.ledger import ENERGY
 from taichi_slm.solver.survey import (
     FASTEST,
-    HOTTEST,
     MOBILE_COUNT,
     MOMENTUM,
     MOMENTUM_SCALE,
@@ -16,7 +15,7 @@ from taichi_slm.solver.survey import (
     STORED,
     Survey,
 )
-from taichi_slm.state import MOBILE
+from taichi_slm.state import MOBILE, REMOVED
 
 if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
@@ -46,6 +45,7 @@ class Accounts:
         found = self.survey()
         energy, removed_mass = self._accounts(found)
         books = self.books(found)
+        there = sim.state.array("mobility") != REMOVED
         low, mean, high = self._packing(int(found[MOBILE_COUNT]))
         return {
             "step": sim.steps,
@@ -54,7 +54,7 @@ class Accounts:
             "dt_limiter": sim.dt_limiter,
             "mobile": int(found[MOBILE_COUNT]),
             "hot": sim.rows.hot,
-            "max_temperature_K": float(found[HOTTEST]),
+            "max_temperature_K": float(sim.temperature.max(where=there, initial=0.0)),
             "max_speed_m_s": math.sqrt(found[FASTEST]),
             "absorbed_J": energy["absorbed"],
             "stored_J": float(found[STORED]),

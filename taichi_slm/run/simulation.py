@@ -261,6 +261,7 @@ class Simulation:
     def impose(self, temperature: np.ndarray) -> None:
         """Give the particles temperatures [K], shape [n], and all that follows; energy is counted from here."""
         impose_temperature(self.model, temperature)
+        self.activity.warmed()
 
     # ----------------------------------------------------------------- results
 

@@ -40,6 +40,7 @@ class Activity:
         self.rest = rest
         self.builds = self.choices = 0  # of lists; of those, with all rows chosen anew
         self.stale = self.outgrown = True
+        self._placed = False  # whether the cells know where everybody is, but for who moved since
         self._keep = performance.keep_neighbours
         self._half_skin2 = (0.5 * performance.skin * dx) ** 2
         self._all_flow = not performance.skip_solid
@@ -124,7 +125,12 @@ class Activity:
         self.rows.gather(self._all_flow)
 
     def _choose_hot(self) -> None:
-        self.cells.build(WARM_FROM, self.rest)
+        if self._placed:
+            self.cells.follow(self.rows.rows, self.rows.mobile)
+            self.cells.rouse(self.rows.hot_rows, self.rows.hot, WARM_FROM, self.rest)
+        else:
+            self.cells.build(WARM_FROM, self.rest)
+            self._placed = self.cells.can_follow
         self._check_cells()
         self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
@@ -141,7 +147,12 @@ class Activity:
     def forget(self) -> None:
         """Choose every row and search every list anew at the next build; for particles that were put elsewhere."""
         self.rows.forget()
+        self.warmed()
         self.stale = self.outgrown = True
+
+    def warmed(self) -> None:
+        """Look for the warm among all at the next choice of hot rows: somebody else than the passes heated some."""
+        self._placed = False
 
     def restart(self) -> None:
         """Forget all that was known of particles and beam: another moment was loaded, of this scene."""

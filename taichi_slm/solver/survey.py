@@ -1,4 +1,4 @@
-"""One look over all particles and accounts: the sums and extremes that a row of the history and the guards need."""
+"""One look over all particles and accounts: the sums that a row of the history and the guards need."""
 
 import numpy as np
 
@@ -7,12 +7,16 @@ from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import ENERGY, Ledger
 from taichi_slm.state import MOBILE, REMOVED, State
 
-PRESENT_MASS, STORED, MOBILE_COUNT, HOTTEST, FASTEST, MOMENTUM_SCALE, MOMENTUM = range(7)
+PRESENT_MASS, STORED, MOBILE_COUNT, FASTEST, MOMENTUM_SCALE, MOMENTUM = range(6)
 """Places in what a survey returns; behind the momentum's d parts stand the removed mass and the energy accounts."""
 
 
 class Survey:
-    """Call it for an array of [present mass, stored heat, mobile, hottest, fastest^2, sum m |u|, momentum ...]."""
+    """Call it for an array of [present mass, stored heat, mobile, fastest^2, sum m |u|, momentum ...].
+
+    It is taken every ten steps, of all metal: no branch in the first loop, and in the second one that is hardly ever
+    taken, so that a cold particle costs 0.5 ns.
+    """
 
     def __init__(self, state: State, disc: Discretisation, ledger: Ledger):
         d, heat, ordered = disc.dimension, state.needs.heat, disc.schedule.ordered
@@ -32,21 +36,20 @@ class Survey:
             for chunk in range(chunks):
                 sums = ti.Vector.zero(ti.f64, MOMENTUM + d)
                 for a in range(chunk * count // chunks, (chunk + 1) * count // chunks):
-                    if state.mobility[a] != REMOVED:
-                        mass = ti.cast(state.mass[a], ti.f64)
-                        sums[PRESENT_MASS] += mass
-                        if ti.static(heat):
-                            sums[STORED] += mass * (state.enthalpy[a] - state.enthalpy_initial[a])
-                        sums[HOTTEST] = ti.max(sums[HOTTEST], ti.cast(state.temperature[a], ti.f64))
-                        if state.mobility[a] == MOBILE:
-                            u = ti.cast(state.velocity[a], ti.f64)
-                            sums[MOBILE_COUNT] += 1.0
-                            sums[FASTEST] = ti.max(sums[FASTEST], u.norm_sqr())
-                            sums[MOMENTUM_SCALE] += mass * u.norm()
-                            for axis in ti.static(range(d)):
-                                sums[MOMENTUM + axis] += mass * u[axis]
+                    mass = ti.select(state.mobility[a] != REMOVED, ti.cast(state.mass[a], ti.f64), 0.0)
+                    sums[PRESENT_MASS] += mass
+                    if ti.static(heat):
+                        sums[STORED] += mass * (state.enthalpy[a] - state.enthalpy_initial[a])
+                for a in range(chunk * count // chunks, (chunk + 1) * count // chunks):
+                    if state.mobility[a] == MOBILE:
+                        mass, u = ti.cast(state.mass[a], ti.f64), ti.cast(state.velocity[a], ti.f64)
+                        sums[MOBILE_COUNT] += 1.0
+                        sums[FASTEST] = ti.max(sums[FASTEST], u.norm_sqr())
+                        sums[MOMENTUM_SCALE] += mass * u.norm()
+                        for axis in ti.static(range(d)):
+                            sums[MOMENTUM + axis] += mass * u[axis]
                 for i in ti.static(range(MOMENTUM + d)):
-                    if ti.static(i in (HOTTEST, FASTEST)):
+                    if ti.static(i == FASTEST):
                         ti.atomic_max(result[i], sums[i])
                     else:
                         ti.atomic_add(result[i], sums[i])
@@ -54,7 +57,7 @@ class Survey:
         self._survey = survey
 
     def __call__(self) -> np.ndarray:
-        """Look, and return the numbers, shape [7 + d + accounts of energy]."""
+        """Look, and return the numbers, shape [6 + d + accounts of energy]."""
         values = np.zeros(self._size + 1 + len(ENERGY))  # an argument: copying a field takes 200 us
         self._survey(values)
         return values

@@ -1,8 +1,8 @@
 """The cell grid: every particle in a box, so that a search looks at a few boxes instead of at all particles.
 
 Cells hold at most ``capacity`` particles, in the order of their ids: sums over neighbours are then the same bits
-in every run. A fuller cell is an error that the host reads, never a truncation. Between two builds only those who
-move change their cell.
+in every run. A fuller cell is an error that the host reads, never a truncation. After a build only those who move
+change their cell, and which cells are active is asked of those who may be warm.
 """
 
 import math
@@ -20,8 +20,8 @@ class Cells:
 
     Cells are numbered; ``window(radius)`` has the differences of number to the cells around. A border of empty
     cells, as wide as the widest window, saves every search the question whether a cell exists.
-    ``active`` is 1 for a cell that had a mobile or a warm particle at the last build; ``home`` is the cell of each
-    particle.
+    ``active`` is 1 for a cell that had a mobile or a warm particle when that was last asked; ``home`` is the cell of
+    each particle.
     """
 
     def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, widest: float,
@@ -49,7 +49,7 @@ class Cells:
         self.home = ti.field(ti.i32, shape=state.count)
         self._schedule = schedule
         self.cell_of, self._finite = self._compile_place(lower)
-        self._clear, self._fill, self._sort = self._compile_build(state, schedule.ordered)
+        self._clear, self._fill, self._sort, self._rouse = self._compile_build(state, schedule.ordered)
         self._follow = self._compile_follow(state)
 
     def _compile_place(self, lower: np.ndarray) -> tuple[Any, Any]:
@@ -73,10 +73,14 @@ class Cells:
 
         return cell_of, finite
 
-    def _compile_build(self, state: State, ordered: bool) -> tuple[Any, Any, Any]:
+    def _compile_build(self, state: State, ordered: bool) -> tuple[Any, ...]:
         count, items, active, home = self.count, self.items, self.active, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
         cell_of, finite = self.cell_of, self._finite
+
+        @ti.func
+        def stirs(a, warm_from, rest):
+            return state.mobility[a] == MOBILE or abs(state.temperature[a] - rest) > warm_from
 
         @direct
         @ti.kernel
@@ -105,8 +109,7 @@ class Cells:
                             items[c, slot] = a
                         else:
                             overflow[None] = a
-                        warm = abs(state.temperature[a] - rest) > warm_from
-                        if warm or state.mobility[a] == MOBILE:
+                        if stirs(a, warm_from, rest):
                             active[c] = 1
 
         @direct
@@ -122,7 +125,19 @@ class Cells:
                         place -= 1
                     items[c, place] = value
 
-        return clear, fill, sort
+        @direct
+        @ti.kernel
+        def rouse(rows: ti.template(), number: ti.i32, warm_from: ti.f64, rest: ti.f64, alone: ti.template()):
+            ti.loop_config(serialize=alone)
+            for c in range(self.total):
+                active[c] = 0
+            ti.loop_config(serialize=alone)
+            for k in range(number):
+                a = rows[k]
+                if state.mobility[a] != REMOVED and stirs(a, warm_from, rest):
+                    active[home[a]] = 1
+
+        return clear, fill, sort, rouse
 
     def _compile_follow(self, state: State) -> Any:
         count, items, home = self.count, self.items, self.home
@@ -205,3 +220,7 @@ class Cells:
     def follow(self, moved: Any, number: int) -> None:
         """Let the first ``number`` particles of the field ``moved`` change their cells; the removed ones leave."""
         self._follow(moved, number)
+
+    def rouse(self, rows: Any, number: int, warm_from: float, rest: float) -> None:
+        """Tell anew which cells are active: warm and mobile are some of the first ``number`` in the field ``rows``."""
+        self._rouse(rows, number, warm_from, rest, self._schedule.plain(self.total))
