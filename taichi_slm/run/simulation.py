@@ -127,7 +127,7 @@ class Simulation:
             ):
                 self._span(until)
             self.activity.renew()
-            if self.flow_step is not None and self.flow_step.flow.moved[None] >= LOST:
+            if self.flow_step is not None and self.flow_step.flow.moved >= LOST:
                 self.activity.build()  # names who is lost
         self.solver_time_s += time.perf_counter() - began
 
@@ -161,7 +161,7 @@ class Simulation:
         performance, numerics = self.config.performance, self.config.numerics
         flow_dt, limiter = math.inf, "output"
         if self.flow_step is not None and self.moving:
-            fastest = math.sqrt(self.flow_step.flow.fastest[None])
+            fastest = math.sqrt(self.flow_step.flow.fastest)
             self.guards.speed(fastest)
             limits = self.limits.flow(self.hottest, fastest)
             limiter = min(limits, key=lambda name: limits[name])
@@ -197,7 +197,7 @@ class Simulation:
         """Time in which nobody moves by more than a small part of a spacing [s]: hardly any heat is carried in it."""
         if self.flow_step is None or not self.moving:
             return math.inf
-        fastest = math.sqrt(self.flow_step.flow.fastest[None])
+        fastest = math.sqrt(self.flow_step.flow.fastest)
         return self.config.performance.heat_motion * self.config.spacing / max(fastest, 1e-30)
 
     def _beam_step(self) -> float:
@@ -309,7 +309,7 @@ class Simulation:
         saved |= {f"ledger.{name}": getattr(self.ledger, name).to_numpy()
                   for name in ("energy", "momentum", "clamps", "removed", "removed_mass")}  # fmt: skip
         flow = self.flow_step
-        fastest = float(flow.flow.fastest[None]) if flow else 0.0
+        fastest = flow.flow.fastest if flow else 0.0
         saved["scene"] = self._scene_sum()
         saved["clock"] = np.array([self.time, self.dt, self.hottest, self.accounts.incident,
                                    flow.dt_before if flow else 0.0, fastest, self._allowed,
@@ -343,7 +343,7 @@ class Simulation:
             self.surface.evaluations = evaluations
         if self.flow_step is not None:
             self.flow_step.dt_before, self.flow_step.count = dt_before, count
-            self.flow_step.flow.fastest[None] = fastest
+            self.flow_step.flow.fastest = fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
         self.activity.restart()

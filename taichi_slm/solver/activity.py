@@ -56,7 +56,7 @@ class Activity:
 
     def neighbours(self) -> None:
         """Build the lists anew if they are stale or somebody moved half a skin."""
-        moved = self.flow is not None and self.builds > 0 and self.flow.moved[None] > self._half_skin2
+        moved = self.flow is not None and self.builds > 0 and self.flow.moved > self._half_skin2
         if not self._keep:
             self.forget()
         if self.stale or moved:
@@ -102,7 +102,7 @@ class Activity:
         if self.surface is not None and self.rows.flow > 0:
             self.surface.refresh()
         if self.flow is not None:
-            self.flow.moved[None] = 0.0
+            self.flow.moved = 0.0
         self.stale = self.outgrown = False
         self.builds += 1
 

@@ -9,6 +9,8 @@ continuity  velocity divergence, diffusion, packing -> density rate; mean backgr
 
 from typing import Any
 
+import numpy as np
+
 from taichi_slm.backend import direct, ti
 from taichi_slm.physics import continuity as continuity_terms
 from taichi_slm.physics.equation_of_state import pressure_of
@@ -24,11 +26,14 @@ LOST = 1e30  # `moved` when somebody has no finite place [m^2]
 
 
 class FlowPasses:
-    """The compiled passes; ``moved`` [m^2] is the largest squared displacement since the lists were built."""
+    """The compiled passes.
+
+    ``moved`` [m^2] is the largest squared displacement since the lists were built, ``fastest`` [m^2/s^2] the largest
+    squared speed, both of the last kick.
+    """
 
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger):
-        self.moved = ti.field(disc.real, shape=())
-        self.fastest = ti.field(disc.real, shape=())  # largest squared speed of the last kick [m^2/s^2]
+        self.moved = self.fastest = 0.0
         self._rows, self._schedule = rows, disc.schedule
         self._advance = self._compile_advance(state, rows, disc)
         self._walls = self._compile_walls(state, rows, disc, ledger)
@@ -51,7 +56,9 @@ class FlowPasses:
 
     def kick(self, dt: float, dt_before: float, drift: float) -> None:
         """Velocities by ``dt`` (less half of ``dt_before`` for the printed leapfrog), positions by ``drift`` [s]."""
-        self._kick(self._rows.mobile, dt, dt_before, drift)
+        largest = np.zeros(2)  # an argument: to read a field takes 10 us
+        self._kick(self._rows.mobile, dt, dt_before, drift, largest)
+        self.moved, self.fastest = largest.tolist()
 
     def continuity(self) -> None:
         """Write density rates and Shepard sums."""
@@ -133,15 +140,19 @@ class FlowPasses:
 
     def _compile_kick(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger) -> Any:
         d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.schedule.ordered
-        moved, fastest, tension, gravity = self.moved, self.fastest, state.needs.tension, disc.gravity
+        tension, gravity = state.needs.tension, disc.gravity
         chunks = 1 if ordered else 1024
         shifts = state.needs.shifting
 
         @direct
         @ti.kernel
-        def kick(mobile: ti.i32, dt: disc.real, dt_before: disc.real, drift: disc.real):
-            moved[None] = 0.0
-            fastest[None] = 0.0
+        def kick(
+            mobile: ti.i32,
+            dt: disc.real,
+            dt_before: disc.real,
+            drift: disc.real,
+            largest: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        ):
             ti.loop_config(serialize=ordered)
             for chunk in range(chunks):
                 farthest = ti.cast(0.0, disc.real)
@@ -175,8 +186,8 @@ class FlowPasses:
                         wall += ti.cast(state.wall_force[a], ti.f64)
                         if ti.static(tension):
                             surface += ti.cast(state.surface_force[a] * state.volume[a], ti.f64)
-                ti.atomic_max(moved[None], farthest)
-                ti.atomic_max(fastest[None], speed2)
+                ti.atomic_max(largest[0], ti.cast(farthest, ti.f64))
+                ti.atomic_max(largest[1], ti.cast(speed2, ti.f64))
                 ledger.add_impulses(dt, weight, wall, surface)
 
         return kick

@@ -166,7 +166,9 @@ class Neighbours:
 
         @direct
         @ti.kernel
-        def gather(hot: ti.i32, everything: ti.i32, now: ti.i32):
+        def gather(
+            hot: ti.i32, everything: ti.i32, now: ti.i32, report: ti.types.ndarray(dtype=ti.i32, ndim=1)
+        ):
             ends[0] = 0
             ends[3] = 0
             found[None] = 0
@@ -196,6 +198,8 @@ class Neighbours:
             for a in range(everything * state.count):
                 if state.mobility[a] == STILL:
                     append(1, a, now)
+            for i in ti.static(range(4)):
+                report[i] = ends[i]
 
         return gather
 
@@ -303,10 +307,12 @@ class Neighbours:
     def gather(self, everything: bool) -> bool:
         """Choose the flow rows, or take ``everything``; False if a mobile particle has left the core of the hot set."""
         self._gathering += 1
-        if self._needs.flow:
-            self._gather(self.hot, int(everything), self._gathering)
-            self.mobile, self.flow = int(self._ends[0]), int(self._ends[1])
-        return not (self._needs.flow and self._ends[3])
+        if not self._needs.flow:
+            return True
+        ends = np.zeros(4, np.int32)
+        self._gather(self.hot, int(everything), self._gathering, ends)
+        self.mobile, self.flow, _, left = ends.tolist()
+        return not left
 
     def search(self) -> None:
         """Search the lists of the flow rows, and those of the hot ones that have none."""

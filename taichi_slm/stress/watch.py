@@ -81,7 +81,7 @@ def _advance(sim: Simulation, until: float, seen: Seen, steps_at_most: int) -> N
     while sim.time < until * (1.0 - 1e-9) and not sim.finished:
         sim.step()
         if sim.flow_step is not None and sim.moving:
-            limits = sim.limits.flow(sim.hottest, math.sqrt(sim.flow_step.flow.fastest[None]))
+            limits = sim.limits.flow(sim.hottest, math.sqrt(sim.flow_step.flow.fastest))
             for name, limit in limits.items():
                 seen.ratios[name] = max(seen.ratios.get(name, 0.0), sim.dt / limit)
         if sim.steps > steps_at_most:
