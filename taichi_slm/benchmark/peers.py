@@ -250,7 +250,9 @@ def steps(measured: Sequence[Measured]) -> list[dict[str, Any]]:
     for theirs in measured:
         if theirs.run.code != THEIRS:
             continue
-        alike = [own for own in _ours(theirs.run.drop, measured) if own.run.arrangement == theirs.run.arrangement]
+        alike = [
+            own for own in _ours(theirs.run.drop, measured) if own.run.arrangement == theirs.run.arrangement
+        ]
         same = [own for own in alike if own.run.level == theirs.run.level]
         many = [own for own in alike if own.first["particles"] >= theirs.first["particles"]][:1]
         for own in [*same, *(own for own in many if own not in same)]:
