@@ -39,16 +39,12 @@ _MARKED = ("step", "paper's steps", "paper's forms", _PUBLISHED)  # settings tha
 UM = 1e-6
 
 
-def _spacings(*shares: float) -> Callable[[float], list[float]]:
-    """Levels at ``shares`` of a level."""
-    return lambda level: [share * level for share in shares]
+def _within_6_per_cent(level: float) -> list[float]:
+    return [share * level for share in (1.0, 0.94, 0.97, 1.03, 1.06)]
 
 
 def _two_further(level: int) -> list[int]:
     return list(range(level - 2, level + 3))
-
-
-FIVE = _spacings(1.0, 0.94, 0.97, 1.03, 1.06)
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,9 @@ class Answered:
     levels: tuple[Any, ...]  # spacings or spacings per something; the quick ones are the first two
     middle: Any  # where time steps are varied
     error: Callable[[Any, Any], float]  # (module, level) -> relative error
-    near: Callable[[Any], Sequence[Any]] = FIVE  # the levels that stand for one, which is among them
+    near: Callable[[Any], Sequence[Any]] = (
+        _within_6_per_cent  # the levels that stand for one, which is among them
+    )
 
 
 def _swing(module: Any, resolution: float) -> float:
@@ -104,8 +102,7 @@ CASES = {
                                 (28 * UM, 20 * UM, 14 * UM, 10 * UM), 20 * UM, _source),
     "thermal_cycle": Answered("Test 1: volume of the inside, two cycles", "thermal_cycle", (12, 20, 32), 20, _cycle),
     "spot_weld": Answered("Spot weld: radius and depth against the measured ones", "spot_weld",
-                          (60 * UM, 50 * UM, 40 * UM), 60 * UM, _weld,
-                          _spacings(1.0, 0.97, 1.03)),
+                          (60 * UM, 50 * UM, 40 * UM), 60 * UM, _weld),
 }  # fmt: skip
 SLOW = ("spot_weld",)  # not looked at in a quick run
 # Tables 2 and 3 of the paper
