@@ -171,7 +171,7 @@ def test_an_error_is_that_of_several_runs():
     errors = [run["error"] for run in of_each.values()]
     assert found["error"] == pytest.approx(math.hypot(*errors) / math.sqrt(5), rel=1e-9)
     assert (found["steps"], found["runs"]) == (of_each[8]["steps"], 5)
-    assert accuracy.FIVE(50e-6)[0] == 50e-6
+    assert accuracy._within_6_per_cent(50e-6)[0] == 50e-6
 
 
 def test_settings_are_dominated_by_others_at_their_resolution():
