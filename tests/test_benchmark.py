@@ -87,10 +87,14 @@ def test_the_watch_sees_every_pass_and_leaves_no_trace():
     warm(sim)
 
     def passes():
-        return {name: value for name, value in vars(sim.flow_step.flow).items() if callable(value)}
+        """All that the flow is made of, but for the two numbers that every kick finds anew."""
+        return {
+            name: value
+            for name, value in vars(sim.flow_step.flow).items()
+            if name not in ("moved", "fastest")
+        }
 
     watch, before = Watch(sim), passes()
-    assert len(before) > 4
     sim.step()
     assert not watch.passes
     steps = sim.steps
@@ -171,7 +175,7 @@ def test_an_error_is_that_of_several_runs():
     errors = [run["error"] for run in of_each.values()]
     assert found["error"] == pytest.approx(math.hypot(*errors) / math.sqrt(5), rel=1e-9)
     assert (found["steps"], found["runs"]) == (of_each[8]["steps"], 5)
-    assert accuracy._within_6_per_cent(50e-6)[0] == 50e-6
+    assert accuracy.CASES["spot_weld"].near(50e-6)[0] == 50e-6
 
 
 def test_settings_are_dominated_by_others_at_their_resolution():

@@ -56,9 +56,8 @@ class Answered:
     levels: tuple[Any, ...]  # spacings or spacings per something; the quick ones are the first two
     middle: Any  # where time steps are varied
     error: Callable[[Any, Any], float]  # (module, level) -> relative error
-    near: Callable[[Any], Sequence[Any]] = (
-        _within_6_per_cent  # the levels that stand for one, which is among them
-    )
+    # the levels that stand for one, which is among them
+    near: Callable[[Any], Sequence[Any]] = _within_6_per_cent
 
 
 def _swing(module: Any, resolution: float) -> float:

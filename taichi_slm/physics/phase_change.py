@@ -31,10 +31,11 @@ def needed_tables(state: State) -> tuple[str, ...]:
     return names
 
 
-def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float) -> tuple[Any, Any]:
-    """The Taichi functions (particle, T) that write every property at temperature T; and those that conduction reads.
+def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float) -> Any:
+    """The Taichi function (particle, T, everything) that writes the properties at temperature T.
 
-    ``alpha_viscosity``: kinematic artificial viscosity [m^2/s], added as rho times it.
+    ``everything``: all of them, or those alone that conduction reads. ``alpha_viscosity``: kinematic artificial
+    viscosity [m^2/s], added as rho times it.
     """
     needs = state.needs
     density = tables.reader("density")
@@ -45,36 +46,27 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
     kirchhoff = tables.reader("kirchhoff") if needs.heat else None
 
     @ti.func
-    def set_conducting(a, T, m, knot, fraction):
+    def set_properties(a, T, everything: ti.template()):
+        m = state.material[a]
+        knot, fraction = tables.locate(m, T)
         state.temperature[a] = T
         if ti.static(needs.heat):
             state.conductivity[a] = conductivity(m, knot, fraction)
             state.kirchhoff[a] = kirchhoff(m, knot, fraction)
+        if ti.static(everything):
+            s = tables.liquid_fraction(m, T)
+            state.liquid_fraction[a] = s
+            if s >= 0.5:
+                state.ever_liquid[a] = 1
+            rho0 = density(m, knot, fraction)
+            state.reference_density[a] = rho0
+            if ti.static(needs.flow):
+                state.viscosity[a] = viscosity(m, knot, fraction) + rho0 * alpha_viscosity
+            if ti.static(needs.tension):
+                state.surface_tension[a] = sigma(m, knot, fraction)
+                state.surface_tension_slope[a] = sigma_slope(m, knot, fraction)
 
-    @ti.func
-    def set_thermal(a, T):
-        m = state.material[a]
-        knot, fraction = tables.locate(m, T)
-        set_conducting(a, T, m, knot, fraction)
-
-    @ti.func
-    def set_properties(a, T):
-        m = state.material[a]
-        knot, fraction = tables.locate(m, T)
-        set_conducting(a, T, m, knot, fraction)
-        s = tables.liquid_fraction(m, T)
-        state.liquid_fraction[a] = s
-        if s >= 0.5:
-            state.ever_liquid[a] = 1
-        rho0 = density(m, knot, fraction)
-        state.reference_density[a] = rho0
-        if ti.static(needs.flow):
-            state.viscosity[a] = viscosity(m, knot, fraction) + rho0 * alpha_viscosity
-        if ti.static(needs.tension):
-            state.surface_tension[a] = sigma(m, knot, fraction)
-            state.surface_tension_slope[a] = sigma_slope(m, knot, fraction)
-
-    return set_properties, set_thermal
+    return set_properties
 
 
 def phase_setter(state: State) -> tuple[Any, Any]:

@@ -45,8 +45,9 @@ class Accounts:
         found = self.survey()
         energy, removed_mass = self._accounts(found)
         books = self.books(found)
-        there = sim.state.array("mobility") != REMOVED
-        low, mean, high = self._packing(int(found[MOBILE_COUNT]))
+        mobility = sim.state.array("mobility")
+        hottest = np.fmax.reduce(sim.temperature, where=mobility != REMOVED, initial=0.0)
+        low, mean, high = self._packing(mobility == MOBILE)
         return {
             "step": sim.steps,
             "time_s": sim.time,
@@ -54,7 +55,7 @@ class Accounts:
             "dt_limiter": sim.dt_limiter,
             "mobile": int(found[MOBILE_COUNT]),
             "hot": sim.rows.hot,
-            "max_temperature_K": float(sim.temperature.max(where=there, initial=0.0)),
+            "max_temperature_K": float(hottest),
             "max_speed_m_s": math.sqrt(found[FASTEST]),
             "absorbed_J": energy["absorbed"],
             "stored_J": float(found[STORED]),
@@ -128,12 +129,11 @@ class Accounts:
         scale = sum(float(np.linalg.norm(part)) for part in impulses.values()) + float(found[MOMENTUM_SCALE])
         return float(np.linalg.norm(unexplained)) / scale if scale > 0 else 0.0
 
-    def _packing(self, moving: int) -> tuple[float, float, float]:
-        """5th percentile, mean and 95th percentile of Gamma / Gamma_flat(depth) over the mobile particles."""
+    def _packing(self, mobile: np.ndarray) -> tuple[float, float, float]:
+        """5th percentile, mean and 95th percentile of Gamma / Gamma_flat(depth) over the ``mobile`` particles."""
         sim = self._sim
-        if moving == 0 or sim.flow_step is None or sim.flow_step.count == 0:
+        if not mobile.any() or sim.flow_step is None or sim.flow_step.count == 0:
             return 1.0, 1.0, 1.0
-        mobile = sim.state.array("mobility") == MOBILE
         gamma = sim.state.array("shepard")[mobile].astype(np.float64)
         flat = sim.disc.flat
         share = np.zeros_like(gamma)

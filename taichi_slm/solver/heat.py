@@ -203,7 +203,7 @@ class HeatPasses:
     def _compile_scheme(self, state: State, rows: Neighbours, disc: Discretisation, tables: MaterialTables,
                         band_heat_capacity: np.ndarray, alpha_viscosity: float) -> tuple[Any, Any, Any]:  # fmt: skip
         apparent = disc.numerics.latent_heat == "apparent"
-        set_properties, set_thermal = property_setter(state, tables, alpha_viscosity)
+        set_properties = property_setter(state, tables, alpha_viscosity)
         capacity, enthalpy_of = tables.reader("heat_capacity"), tables.reader("enthalpy")
         band = ti.field(ti.f64, shape=len(band_heat_capacity))
         band.from_numpy(np.asarray(band_heat_capacity, np.float64))
@@ -242,10 +242,7 @@ class HeatPasses:
             else:
                 state.enthalpy[a] = thermal
                 T = ti.cast(tables.temperature_of(m, thermal), disc.real)
-            if ti.static(last):
-                set_properties(a, T)
-            else:
-                set_thermal(a, T)
+            set_properties(a, T, last)
 
         @ti.func
         def free(a):

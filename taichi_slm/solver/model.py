@@ -137,7 +137,7 @@ class Model:
 
     def _compile_setters(self) -> tuple[Any, Any]:
         state = self.state
-        set_properties, _ = property_setter(state, self.tables, self._alpha)
+        set_properties = property_setter(state, self.tables, self._alpha)
         # set_body is for programs alone
         body = ti.field(ti.i32, shape=state.count if self.scene.programs else 1)
         if self.scene.programs:
@@ -147,13 +147,13 @@ class Model:
         @ti.kernel
         def set_everywhere():
             for a in range(state.count):
-                set_properties(a, state.temperature[a])
+                set_properties(a, state.temperature[a], True)
 
         @direct
         @ti.kernel
         def set_body(number: ti.i32, T: ti.f64):
             for a in range(state.count):
                 if body[a] == number:
-                    set_properties(a, ti.cast(T, state.real))
+                    set_properties(a, ti.cast(T, state.real), True)
 
         return set_everywhere, set_body

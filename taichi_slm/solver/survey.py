@@ -15,7 +15,7 @@ class Survey:
     """Call it for an array of [present mass, stored heat, mobile, fastest^2, sum m |u|, momentum ...].
 
     It is taken every ten steps, of all metal: no branch in the first loop, and in the second one that is hardly ever
-    taken, so that a cold particle costs 0.5 ns.
+    taken, so that a cold particle costs 0.7 ns.
     """
 
     def __init__(self, state: State, disc: Discretisation, ledger: Ledger):
@@ -36,10 +36,11 @@ class Survey:
             for chunk in range(chunks):
                 sums = ti.Vector.zero(ti.f64, MOMENTUM + d)
                 for a in range(chunk * count // chunks, (chunk + 1) * count // chunks):
-                    mass = ti.select(state.mobility[a] != REMOVED, ti.cast(state.mass[a], ti.f64), 0.0)
-                    sums[PRESENT_MASS] += mass
+                    there, mass = state.mobility[a] != REMOVED, ti.cast(state.mass[a], ti.f64)
+                    sums[PRESENT_MASS] += ti.select(there, mass, 0.0)
                     if ti.static(heat):
-                        sums[STORED] += mass * (state.enthalpy[a] - state.enthalpy_initial[a])
+                        gained = mass * (state.enthalpy[a] - state.enthalpy_initial[a])
+                        sums[STORED] += ti.select(there, gained, 0.0)
                 for a in range(chunk * count // chunks, (chunk + 1) * count // chunks):
                     if state.mobility[a] == MOBILE:
                         mass, u = ti.cast(state.mass[a], ti.f64), ti.cast(state.velocity[a], ti.f64)
