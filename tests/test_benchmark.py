@@ -2,7 +2,12 @@
 
 import csv
 import math
+import os
 import shutil
+import subprocess
+import sys
+import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,7 +16,7 @@ from typer.testing import CliRunner
 
 from taichi_slm.benchmark import accuracy, bench, reach, skips, speed
 from taichi_slm.benchmark.goals import GOALS, asked_and_reached
-from taichi_slm.benchmark.measure import in_its_own_process, in_turn, ratio
+from taichi_slm.benchmark.measure import a_core_each, in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
 from taichi_slm.benchmark.passes import Pass, Watch
 from taichi_slm.benchmark.report import Findings, write_page
@@ -198,6 +203,38 @@ def test_settings_are_dominated_by_others_at_their_resolution():
 
 def test_a_process_that_fails_is_a_sentence():
     assert "neither" in in_its_own_process("benchmark.accuracy:point", case="neither", level=1)["failure"]
+
+
+def test_a_process_that_does_not_end_is_stopped():
+    found = in_its_own_process("benchmark.accuracy:point", case="static_drop", level=40, ends_within=0.01)
+    assert found == {"failure": "stopped after 0 s"}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system binds nothing to a core")
+def test_tasks_beside_each_other_have_a_core_each():
+    """And so do the processes that they start; all end, in their order, also if there are more than cores."""
+    cores = os.sched_getaffinity(0)
+    together = threading.Barrier(len(cores), timeout=60.0)
+    seen = []
+
+    def task(number):
+        if number < len(cores):
+            together.wait()  # or there are not as many at a time as there are cores
+        told = subprocess.run(
+            [sys.executable, "-c", "import os; print(*os.sched_getaffinity(0))"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        seen.append((number, told.stdout.split()))
+        return number
+
+    numbers = range(2 * len(cores))
+    found = a_core_each({str(number): partial(task, number) for number in numbers})
+    assert list(found.values()) == list(numbers)
+    assert all(len(own) == 1 for _, own in seen)
+    assert {int(own[0]) for number, own in seen if number < len(cores)} == cores
+    assert os.sched_getaffinity(0) == cores
 
 
 def test_files_and_page(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ same work timed again and again while the subject was measured: how far it scatt
 import json
 import os
 import platform
+import queue
 import statistics
 import subprocess
 import sys
@@ -14,16 +15,18 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from taichi_slm.compiler import compiler
 from taichi_slm.run.run_folder import package_version, processor, read_json, source_hash
 
-ENDS_WITHIN = 3600.0  # [s] of a process, or it is stopped and its failure is reported
+ENDS_WITHIN = 3600.0  # [s] of a process, unless told otherwise, or it is stopped and its failure is reported
 _SAYS = "says: "  # begins what such a process tells
+T = TypeVar("T")
 
 
 def in_turn(
@@ -89,12 +92,13 @@ def in_its_own_process(
     function: str,
     environment: Mapping[str, str] | None = None,
     tell: Callable[[str], None] = lambda _: None,
+    ends_within: float = ENDS_WITHIN,
     **arguments: Any,
 ) -> dict[str, Any]:
     """What ``function`` ("package.module:name" of taichi_slm) returns, called with ``arguments`` in a new process.
 
-    Taichi is started anew, and a crash is its own: then the result is {"failure": a sentence}. ``tell`` gets what the
-    function has to :func:`say` meanwhile.
+    Taichi is started anew, and a crash is its own, as is taking more than ``ends_within`` [s]: then the result is
+    {"failure": a sentence}. ``tell`` gets what the function has to :func:`say` meanwhile.
     """
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch) / "result.json"
@@ -107,7 +111,7 @@ def in_its_own_process(
                 stopped.set()
                 process.kill()
 
-            stop = threading.Timer(ENDS_WITHIN, end)
+            stop = threading.Timer(ends_within, end)
             stop.start()
             assert process.stdout is not None
             for line in process.stdout:
@@ -118,10 +122,32 @@ def in_its_own_process(
             process.wait()
             stop.cancel()
         if stopped.is_set():
-            return {"failure": f"stopped after {ENDS_WITHIN:.0f} s"}
+            return {"failure": f"stopped after {ends_within:.0f} s"}
         if process.returncode or not target.is_file():
             return {"failure": f"ended with {process.returncode}: {said}"}
         return read_json(target)
+
+
+def a_core_each(tasks: Mapping[str, Callable[[], T]]) -> dict[str, T]:
+    """The results of all ``tasks``, as many at a time as there are cores, begun in their order.
+
+    Each is called by a thread that keeps to a core of its own, and so do the processes that it starts (where the
+    system lets us choose, which is Linux). What is to be compared belongs into one task.
+    """
+    bound = hasattr(os, "sched_setaffinity")
+    cores = sorted(os.sched_getaffinity(0)) if bound else list(range(os.cpu_count() or 1))
+    free = queue.SimpleQueue[int]()
+    for core in cores:
+        free.put(core)
+
+    def keep_to_a_core() -> None:
+        core = free.get()
+        if bound:
+            os.sched_setaffinity(0, {core})  # of the calling thread
+
+    with ThreadPoolExecutor(len(cores), initializer=keep_to_a_core) as pool:
+        running = {name: pool.submit(task) for name, task in tasks.items()}
+        return {name: task.result() for name, task in running.items()}
 
 
 def processes_in_turn(
