@@ -4,6 +4,8 @@ import numpy as np
 
 from taichi_slm.benchmark.scenes import track
 from taichi_slm.run.simulation import Simulation
+from taichi_slm.solver.survey import MOBILE_COUNT, PRESENT_MASS, STORED
+from taichi_slm.state import MOBILE, REMOVED
 
 
 def test_skip_cold_keeps_the_energy_of_a_steep_front(configure, melting):
@@ -65,3 +67,30 @@ def test_cells_that_follow_are_those_of_a_look_at_everybody():
     used = np.arange(members.shape[1]) < anew[0][:, None]
     assert np.array_equal(members[used], cells.items.to_numpy()[used])
     assert np.array_equal(hot, sim.rows.hot_rows.to_numpy()[: sim.rows.hot])
+
+
+def test_accounts_of_the_hot_and_the_kept_cold_are_those_of_everybody():
+    """At every step, between choices of the hot rows and after them; and after others than the passes heated some."""
+    sim = Simulation(track(4, plate=4.0, duration=60e-6))
+
+    def everybody():
+        get, there = sim.state.array, sim.state.array("mobility") != REMOVED
+        mass = get("mass")[there]
+        gained = (get("enthalpy") - get("enthalpy_initial"))[there]
+        return mass.sum(), mass @ gained, mass @ np.abs(gained), np.count_nonzero(get("mobility") == MOBILE)
+
+    def check():
+        mass, stored, scale, mobile = everybody()
+        found = sim.accounts.survey()
+        # round-off of sums of 10,000 in another order
+        assert abs(found[PRESENT_MASS] - mass) < 1e-13 * mass
+        assert abs(found[STORED] - stored) < 1e-12 * scale
+        assert found[MOBILE_COUNT] == mobile
+
+    while sim.activity.choices < 6:
+        sim.step()
+        check()
+    assert sim.rows.hot < 0.8 * sim.scene.count
+    sim.impose(sim.temperature + 5.0)
+    sim.state.load(enthalpy_initial=sim.state.array("enthalpy_initial") - 1e3)  # not the same as before
+    check()

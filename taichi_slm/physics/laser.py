@@ -108,8 +108,10 @@ class LaserBins:
         self.columns = tuple(n if whole else min(n, 2 * half + 1) for n in self.nodes[: d - 1])
         self.half = half
         self.floor = ti.field(ti.f64, shape=())  # lowest lit node [m]
-        weight = ti.field(ti.i64, shape=self.nodes)
-        power = ti.field(ti.f64, shape=self.nodes)  # [W] per unit of integer weight
+        # by level, then column of the window: however deep the plate, what is lit lies together
+        bins = (self.nodes[-1], *self.columns)
+        weight = ti.field(ti.i64, shape=bins)
+        power = ti.field(ti.f64, shape=bins)  # [W] per unit of integer weight
         origin = ti.Vector([float(x) for x in lower], dt=ti.f64)
         inverse, levels = 1.0 / size, self.nodes[-1]
         full = UNIT / size**d
@@ -134,12 +136,25 @@ class LaserBins:
             return inside
 
         @ti.func
-        def column_of(x, y):
-            column = ti.Vector.zero(ti.i32, d - 1)
-            column[0] = x
+        def first_of(x, y):
+            """The lowest node of the window's first column."""
+            node = ti.Vector.zero(ti.i32, d)
+            node[0] = x
             if ti.static(d == 3):
-                column[1] = y
-            return column
+                node[1] = y
+            return node
+
+        @ti.func
+        def bin_at(level, column):
+            place = ti.Vector.zero(ti.i32, d)
+            place[0] = level
+            for axis in ti.static(range(d - 1)):
+                place[axis + 1] = column[axis]
+            return place
+
+        @ti.func
+        def bin_of(node, first):
+            return bin_at(node[d - 1], node - first)
 
         @ti.func
         def place_of(a):
@@ -155,14 +170,13 @@ class LaserBins:
             bottom: ti.f64,
             alone: ti.template(),
         ):
-            first = column_of(first_x, first_y)
+            first = first_of(first_x, first_y)
             floor[None] = 1e30
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 for level in range(lowest, levels):
-                    node = self_node(column + first, level)
-                    weight[node] = 0
-                    power[node] = 0.0
+                    weight[bin_at(level, column)] = 0
+                    power[bin_at(level, column)] = 0.0
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -172,46 +186,36 @@ class LaserBins:
                     if in_window(base, first):
                         for corner in ti.static(corners):
                             node = base + corner
-                            ti.atomic_add(weight[node], share_of(a, node, place))
-
-        @ti.func
-        def self_node(column, level):
-            node = ti.Vector.zero(ti.i32, d)
-            for axis in ti.static(range(d - 1)):
-                node[axis] = column[axis]
-            node[d - 1] = level
-            return node
+                            ti.atomic_add(weight[bin_of(node, first)], share_of(a, node, place))
 
         @direct
         @ti.kernel
         def march(
-            first_x: ti.i32,
-            first_y: ti.i32,
             lowest: ti.i32,
             incident: ti.f64,
             faintest: ti.f64,
             fraction: ti.types.ndarray(dtype=ti.f64, ndim=d - 1),
             alone: ti.template(),
         ):
-            first = column_of(first_x, first_y)
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)
                 for down in range(levels - lowest):
-                    node = self_node(column + first, levels - 1 - down)
-                    if weight[node] > 0 and left > 1e-14:
-                        filling = ti.min(ti.cast(1.0, ti.f64), ti.cast(weight[node], ti.f64) / UNIT)
+                    level = levels - 1 - down
+                    filled = weight[bin_at(level, column)]
+                    if filled > 0 and left > 1e-14:
+                        filling = ti.min(ti.cast(1.0, ti.f64), ti.cast(filled, ti.f64) / UNIT)
                         below = left * ti.exp(-attenuation * filling)
-                        power[node] = arriving * (left - below) / ti.cast(weight[node], ti.f64)
+                        power[bin_at(level, column)] = arriving * (left - below) / ti.cast(filled, ti.f64)
                         left = below
                         if left * fraction[column] > faintest:
-                            ti.atomic_min(floor[None], origin[d - 1] + node[d - 1] * size)
+                            ti.atomic_min(floor[None], origin[d - 1] + level * size)
 
         @direct
         @ti.kernel
         def hand_back(hot: ti.i32, first_x: ti.i32, first_y: ti.i32, bottom: ti.f64, alone: ti.template()):
-            first = column_of(first_x, first_y)
+            first = first_of(first_x, first_y)
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -222,7 +226,7 @@ class LaserBins:
                     if in_window(base, first):
                         for corner in ti.static(corners):
                             node = base + corner
-                            received += power[node] * ti.cast(share_of(a, node, place), ti.f64)
+                            received += power[bin_of(node, first)] * ti.cast(share_of(a, node, place), ti.f64)
                 state.laser[a] = received
 
         self._rows, self._schedule = rows, schedule
@@ -257,9 +261,7 @@ class LaserBins:
         lowest = math.floor((max(bottom, self.lower[-1]) - self.lower[-1]) / self.size)
         self._deposit(hot, first_x, first_y, lowest, bottom, alone)
         fraction = np.ascontiguousarray(shares(self.laser, edges))
-        self._march(
-            first_x, first_y, lowest, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone
-        )
+        self._march(lowest, incident, DARK * float(fraction.max(initial=0.0)), fraction, alone)
         self._hand_back(hot, first_x, first_y, bottom, alone)
         return True
 

@@ -35,7 +35,7 @@ class Accounts:
 
     def __init__(self, simulation: "Simulation"):
         self._sim = simulation
-        self.survey = Survey(simulation.state, simulation.disc, simulation.ledger)
+        self.survey = Survey(simulation.state, simulation.disc, simulation.ledger, simulation.activity)
         self._d = simulation.disc.dimension
         self.incident = 0.0  # laser energy that reached the scene, times the absorptivity [J]
 

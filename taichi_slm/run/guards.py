@@ -6,7 +6,7 @@
 | no list and no cell is full | whenever lists are made | ``solver/activity.py`` |
 | nobody is so much faster than sound that steps collapse to a tenth | in every heat step | here |
 | temperatures stay within the property tables | in every heat step | ``Simulation._heat`` |
-| mass, heat and momentum are finite and accounted for | every ten flow steps | here |
+| mass, heat and momentum are finite and accounted for | every ten flow steps; in cold metal at a choice of hot | here |
 """
 
 import math

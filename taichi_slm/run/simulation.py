@@ -83,14 +83,17 @@ class Simulation:
         if self.heat is not None:
             if self.bins is not None and self.beam is not None:
                 self.bins.absorb(self.beam.position(0.0), 1e-300)
-            self.heat.step(1.0, False, 1.0)
+            self.heat.step(1.0, False, 0.1)  # so long that it has stages between the first and the last
         self.activity.beam_at(self._beam_centre(0.0, 0.0))
         self.activity.renew()
         self.activity.build()
+        self.activity.renew()
+        self.activity.build()  # what follows the first
         if self.surface is not None:
             self.surface.colour_everywhere()
             self.activity.forget()
             self.activity.build()
+        self.accounts.survey()
         self.compile_time_s = time.perf_counter() - began
 
     # ----------------------------------------------------------------- time
@@ -256,6 +259,7 @@ class Simulation:
 
     def weigh(self) -> None:
         """Begin the account of mass with what is there now: to be called after masses were loaded."""
+        self.activity.warmed()
         self.initial_mass = self.accounts.present_mass()
 
     def impose(self, temperature: np.ndarray) -> None:

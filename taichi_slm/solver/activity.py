@@ -39,6 +39,7 @@ class Activity:
         self.heat: HeatPasses | None = None
         self.rest = rest
         self.builds = self.choices = 0  # of lists; of those, with all rows chosen anew
+        self.cold_since = 0  # changes when others are cold than before, or the cold ones were changed
         self.stale = self.outgrown = True
         self._placed = False  # whether the cells know where everybody is, but for who moved since
         self._keep = performance.keep_neighbours
@@ -135,6 +136,7 @@ class Activity:
         self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
         self.choices += 1
+        self.cold_since += 1
 
     def renew(self) -> None:
         """Choose every row anew at the next build: a run resumed here, which has to, then has the same bits.
@@ -151,8 +153,9 @@ class Activity:
         self.stale = self.outgrown = True
 
     def warmed(self) -> None:
-        """Look for the warm among all at the next choice of hot rows: somebody else than the passes heated some."""
+        """Look at the cold as well, at the next choice of hot rows and in the accounts: not the passes changed them."""
         self._placed = False
+        self.cold_since += 1
 
     def restart(self) -> None:
         """Forget all that was known of particles and beam: another moment was loaded, of this scene."""

@@ -45,17 +45,18 @@ class Ledger:
 
         @direct
         @ti.kernel
-        def add_energy(account: ti.i32, amount: ti.f64):
-            energy[account] += amount
+        def add_energies(amounts: ti.types.ndarray(dtype=ti.f64, ndim=1)):
+            for account in ti.static(range(len(ENERGY))):
+                energy[account] += amounts[account]
 
         self.add_impulses: Any = add_impulses
-        self._add_energy: Any = add_energy
+        self._add_energies: Any = add_energies
 
     def book(self, names: Sequence[str], amounts: np.ndarray) -> None:
         """Add ``amounts`` [J] to the energy accounts ``names``."""
-        for name, amount in zip(names, amounts, strict=True):
-            if amount != 0.0:
-                self._add_energy(ENERGY.index(name), float(amount))
+        every = np.zeros(len(ENERGY))
+        every[[ENERGY.index(name) for name in names]] = amounts
+        self._add_energies(every)
 
     def energies(self) -> dict[str, float]:
         """Energy accounts by name [J]; in 2-D [J/m]."""
