@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taichi_slm.backend import LIST_ROOM, ON_DEMAND_FROM
+from taichi_slm.backend import LIST_ROOM, LIST_SPARE, ON_DEMAND_FROM
 from taichi_slm.config.extent import particles_about
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
@@ -176,7 +176,7 @@ def memory_bytes(
         if config.physics.flow
         else near
     )
-    lists = 4 * (LIST_ROOM * max(near, far) + 30)
+    lists = 4 * (LIST_ROOM * max(near, far) + 2 * LIST_SPARE)
     taken = per_particle + lists
     if cold and count >= ON_DEMAND_FROM:
         taken = per_particle - on_demand_bytes(config, real)

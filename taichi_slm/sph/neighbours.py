@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import LIST_ROOM, Blocks, Schedule, direct, ti
+from taichi_slm.backend import LIST_ROOM, LIST_SPARE, Blocks, Schedule, direct, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, REMOVED, STILL, State
 
@@ -39,8 +39,8 @@ class Neighbours:
         reach = cells.reach(far or near)
         self._reach, self._cells = reach, cells
         ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
-        self.near_capacity = int(LIST_ROOM * ball(near / dx)) + 12
-        self.far_capacity = int(LIST_ROOM * (ball(far / dx) - ball(near / dx))) + 12 if far else 0
+        self.near_capacity = int(LIST_ROOM * ball(near / dx)) + LIST_SPARE
+        self.far_capacity = int(LIST_ROOM * (ball(far / dx) - ball(near / dx))) + LIST_SPARE if far else 0
         self.rows = ti.field(ti.i32, shape=n)
         self.hot_rows = ti.field(ti.i32, shape=n)
         self.core = ti.field(
