@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from taichi_slm.benchmark import accuracy, bench, reach, skips, speed
+from taichi_slm.benchmark import accuracy, bench, peer, reach, skips, speed
 from taichi_slm.benchmark.goals import GOALS, asked_and_reached
 from taichi_slm.benchmark.measure import a_core_each, in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
@@ -78,7 +78,7 @@ def test_all_passes_together_take_the_sum_of_their_times(monkeypatch):
 
     def in_turn(jobs, *_):
         took = next(passes)
-        return {"kernel": [took, 2 * took], "c++": [1e-3, 2e-3]}
+        return {"kernel": [took, 2 * took], "c++": [1e-3, 2e-3], "limit": [1e-4, 2e-4]}
 
     monkeypatch.setattr(speed, "in_turn", in_turn)
     *found, together = speed.beside_cpp("f64", quick=True)["rows"]
@@ -136,10 +136,14 @@ def test_the_limit_is_what_is_left_of_the_steps():
         {"pass": name, "share of the time": share} for name, share in zip(names, (0.6, 0.3, 0.1), strict=True)
     ]
     cores = reach.machine()["cores"]
-    left = reach.limit({"seconds": 10.0, "busy": 0.5 * cores, "passes": passes}, {"momentum": 2.0})
+    profile = {"seconds": 10.0, "busy": 0.5 * cores, "passes": passes}
+    left = reach.limit(profile, {"momentum": 2.0}, around=4.0)
     assert left["without Python and launches, s"] == pytest.approx(9.0)
-    assert left["and four passes at the speed of plain C++, s"] == pytest.approx(6.0)
+    assert left["and four passes no slower than plain C++, s"] == pytest.approx(6.0)
     assert left["and all cores busy, s"] == pytest.approx(3.0)
+    assert left["the run then, s"] == pytest.approx(7.0)
+    faster = reach.limit(profile, {"momentum": 0.5}, around=0.0)  # than C++: that is no limit
+    assert faster["and four passes no slower than plain C++, s"] == pytest.approx(9.0)
 
 
 def test_a_scene_that_is_refused_stands_in_the_table_with_its_reason():
@@ -296,6 +300,28 @@ def test_a_goal_is_judged_by_the_worst_of_its_numbers():
         ("at most 1.4", 1.25, "yes"),
         ("at least 10", 12.0, "yes"),
     ]
+
+
+def test_the_limit_of_the_machine_stands_beside_what_was_reached():
+    """The worst of its numbers, as of what was reached; none where none was found."""
+    steps = [
+        {"drop": "elliptic", "time of a step": 8.0, "limit of a step": 9.0},
+        {"drop": "elliptic", "time of a step": 11.0, "limit of a step": 12.0},
+        {"drop": "elliptic", "time of a step": 15.0, "limit of a step": None},
+        {"drop": "square", "time of a step": 60.0, "limit of a step": None},
+    ]
+    rows = asked_and_reached(_report(peers_steps=steps))
+    assert [(row["reached"], row["limit of this machine"]) for row in rows] == [(60.0, None), (8.0, 9.0)]
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+def test_the_arithmetic_of_a_core_is_faster_than_any_pass():
+    """Whole vectors of multiply-adds: between 1e9 and 1e12 operations a second, and less time than the pass in C++."""
+    adds = peer.multiply_adds("f64")
+    (seconds,) = in_turn({"adds": adds}, 1)["adds"]
+    assert 1e9 < adds() / seconds < 1e12
+    for row in speed.beside_cpp("f64", quick=True)["rows"]:
+        assert 0.0 < row["limit over c++"] < 1.0, row
 
 
 def test_the_page_has_a_number_for_every_goal():

@@ -167,7 +167,7 @@ def test_time_to_an_error_is_that_of_the_quickest_from_which_on_all_are_good():
         peers.to_error([*measured, worse])[0]["it holds"] == 0.1
     )  # theirs was near by chance: the same rule
     assert peers.to_error([*measured, worse])[0]["its error"] == 0.01
-    (same,) = peers.steps(measured)
+    (same,) = peers.steps(measured, 0.2)
     assert same["time of a step"] == 30.0  # 40 over 2 and 80 over 2
     assert same["time per particle and step"] == 7.5
 
@@ -184,8 +184,19 @@ def test_each_code_may_start_from_the_arrangement_that_it_is_better_on():
     assert row["taichi-slm"] == "x, lattice, R/dx 7"
     assert row["time to an equal or smaller error"] == 20.0
     assert row["error of the next coarser"] == "none was run"
-    (same,) = peers.steps(measured)  # a step is compared on the same particles
+    (same,) = peers.steps(measured, 0.2)  # a step is compared on the same particles
     assert same["taichi-slm"] == "x, rings, R/dx 10"
+    assert same["time of a step"] == 30.0
+    assert same["limit of a step"] == pytest.approx(37.5)  # a fifth of ours was in no pass
+
+
+def test_what_is_in_no_pass_is_python_and_launches():
+    profile = [
+        {"pass": "flow: kick", "share of the time": 0.9},
+        {"pass": "Python and launches", "share of the time": 0.1},
+    ]
+    assert peers.python_and_launches(profile) == 0.1
+    assert peers.python_and_launches([{"failure": "out of luck"}]) == 0.0
 
 
 @pytest.mark.slow  # PySPH compiles its schemes, once

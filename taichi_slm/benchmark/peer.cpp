@@ -181,3 +181,22 @@ extern "C" void conduction(const Scene *scene) {
         s.heating[a] = (double)(s.volume[a] * conducted);
     }
 }
+
+#ifdef __AVX512F__
+typedef real Pack __attribute__((vector_size(64)));
+#else
+typedef real Pack __attribute__((vector_size(32)));
+#endif
+
+// What this core's arithmetic can do: ten multiply-adds at once, `turns` times; returns the number of operations.
+extern "C" double multiply_adds(long turns, double *result) {
+    Pack sums[10];
+    for (int i = 0; i < 10; i++) sums[i] = Pack{} + real(i);
+    for (long turn = 0; turn < turns; turn++)
+#pragma GCC unroll 10
+        for (int i = 0; i < 10; i++) sums[i] = sums[i] * real(0.999) + real(0.5);
+    *result = 0;
+    for (int i = 0; i < 10; i++)
+        for (unsigned k = 0; k < sizeof(Pack) / sizeof(real); k++) *result += sums[i][k];
+    return 2.0 * 10 * (sizeof(Pack) / sizeof(real)) * turns;
+}

@@ -94,8 +94,9 @@ def write_page(report: dict[str, Any], page: Path) -> None:
     ]  # fmt: skip
     goals = Findings()
     goals.table("goals", "Asked and reached", asked_and_reached(report),
-                "On two cores and in f64; each number is from a table below, of several the worst. Where one is not "
-                "kept, the table named beside it says what is in the way.")  # fmt: skip
+                "On two cores and in f64; each number is from a table below, of several the worst, and so is the limit "
+                "of this machine, where one was found. What a limit leaves out is said there. Where one is not kept, "
+                "the table named beside it says what is in the way.")  # fmt: skip
     if goals.tables[0].rows:
         head += _lines(goals.to_json()["tables"][0], "##")
 

@@ -199,10 +199,17 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
         sim.step()  # off the lattice, with a flow
     sim.activity.neighbours()
     rows: list[dict[str, Any]] = []
-    turns: dict[str, list[list[float]]] = {"kernel": [], "c++": []}  # of every pass
+    turns: dict[str, list[list[float]]] = {"kernel": [], "c++": [], "limit": []}  # of every pass
+    arithmetic = peer.multiply_adds(precision)
     for twin in peer.twins(sim, precision):
         difference = twin.difference()
-        seconds = in_turn({"kernel": twin.kernel, "c++": twin.cpp}, 5 if quick else 41, 2 if quick else 5)
+        seconds = in_turn(
+            {"kernel": twin.kernel, "c++": twin.cpp, "limit": arithmetic},
+            5 if quick else 41,
+            2 if quick else 5,
+        )
+        share = twin.rows * twin.neighbours * peer.OPERATIONS[twin.name] / arithmetic()
+        seconds["limit"] = [share * each for each in seconds["limit"]]
         for name, values in seconds.items():
             turns[name].append(values)
         per_row = {name: 1e9 * statistics.median(values) / twin.rows for name, values in seconds.items()}
@@ -210,6 +217,7 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
             "pass": twin.name, "rows": twin.rows, "neighbours": twin.neighbours,
             "ns per row": per_row["kernel"], "c++, ns per row": per_row["c++"],
             "over c++": ratio(seconds["kernel"], seconds["c++"]),
+            "limit over c++": ratio(seconds["limit"], seconds["c++"]),
             "largest difference": difference,
         })  # fmt: skip
     together = {name: [sum(turn) for turn in zip(*each, strict=True)] for name, each in turns.items()}
@@ -217,5 +225,6 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
     rows.append({
         "pass": "all of them, once each", "rows": sim.rows.mobile, "ns per row": whole["kernel"],
         "c++, ns per row": whole["c++"], "over c++": ratio(together["kernel"], together["c++"]),
+        "limit over c++": ratio(together["limit"], together["c++"]),
     })  # fmt: skip
     return {"rows": rows}
