@@ -1,5 +1,6 @@
 """The particles of one snapshot as a mesh: in 2-D discs of a particle's area, in 3-D balls of its volume."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,11 @@ import numpy as np
 from taichi_slm.output.snapshots import Snapshot
 from taichi_slm.render.frame import Frame
 
-DISC_EDGES = ((9.0, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
-BACKING = 0.74  # half a side of the square behind a disc [dx]
+FINE = (
+    9.0  # pixels a particle up to which its disc amid others is not drawn, and one at a surface has 8 corners
+)
+DISC_EDGES = ((FINE, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
+LOOSE, ON_LATTICE = 0.74, 0.52  # half a side of the square behind a particle [dx], was it molten or never
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 BACKING_SHADE = 0.9
 ARROW_CELL, ARROW_LENGTH = 26, 60  # one velocity arrow in a square of this side, the longest one [px]
@@ -31,9 +35,10 @@ class Particles:
     """What is drawn of one snapshot; the same for all its pictures but for the colours.
 
     Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
-    a pattern. A larger square, a little darker, lies behind every particle that has metal on all sides, and
-    fills them; at the surface there is none, so that the outline is that of the true discs. (A square, since
-    software draws at the pace of its triangles: two instead of the six of a disc.)
+    a pattern. A square, a little darker, lies behind every particle that has metal on all sides, and fills them;
+    at the surface there is none, so that the outline is that of the true discs. (A square, since software draws at
+    the pace of its triangles: two instead of the six of a disc.) Where particles are a few pixels wide the square is
+    all that is drawn of those amid such: a fifth of the triangles, and no pattern.
     """
 
     def __init__(self, snapshot: Snapshot, pixels: float) -> None:
@@ -43,25 +48,34 @@ class Particles:
         position, dx = snapshot.arrays["position"], snapshot.spacing
         self.flat = snapshot.dimension == 2
         if self.flat:
-            self.backed = _inside(position, dx)[0]
+            inside, neighbours = _inside(position, dx)
+            amid = inside & neighbours.all_are(inside)
+            lattice = inside & (snapshot.arrays["ever_liquid"] == 0)
+            tight = lattice & neighbours.all_are(lattice)
+            self.backed = np.flatnonzero(inside)
             corners = next(number for most, number in DISC_EDGES if pixels <= most)
             angle = 2.0 * np.pi * np.arange(corners) / corners
             circle = dx * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            self.mesh = polygons(position, circle / np.sqrt(np.pi), 0.0)
-            self.backing = polygons(position[self.backed], BACKING * dx * SQUARE, -0.1 * dx)
+            fine = pixels <= FINE
+            self.discs = np.flatnonzero(~(amid & fine))
+            self.shade = 1.0 if fine else BACKING_SHADE
+            self.mesh = polygons(position[self.discs], circle / np.sqrt(np.pi), 0.0)
+            half = np.where(tight, ON_LATTICE, LOOSE)[self.backed, None, None]
+            self.backing = polygons(position[self.backed], half * dx * SQUARE, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
             still = snapshot.arrays["ever_liquid"][half] == 0  # a melt is too loose to hide what is behind
-            inside, next_inside = _inside(position[half], dx)
-            self.shown = half[~(still & inside & next_inside & (position[half, 1] > 2.5 * dx))]
+            inside, neighbours = _inside(position[half], dx)
+            amid = inside & neighbours.all_are(inside)
+            self.shown = half[~(still & amid & (position[half, 1] > 2.5 * dx))]
             self.radius = dx * (0.75 / np.pi) ** (1 / 3)
             self.mesh = pv.PolyData(position[self.shown].astype(np.float32))
 
     def draw(self, plotter: Any, colours: np.ndarray) -> None:
         """Add the particles in ``colours``, uint8, shape [all particles, 3]."""
         if self.flat:
-            draw_polygons(plotter, self.backing, (BACKING_SHADE * colours[self.backed]).astype(np.uint8))
-            draw_polygons(plotter, self.mesh, colours)
+            draw_polygons(plotter, self.backing, (self.shade * colours[self.backed]).astype(np.uint8))
+            draw_polygons(plotter, self.mesh, colours[self.discs])
             return
         draw_balls(plotter, self.mesh, self.radius, colours[self.shown])
 
@@ -158,16 +172,22 @@ def draw_balls(plotter: Any, mesh: Any, radius: float, colours: np.ndarray) -> N
     plotter.add_actor(actor, render=False, reset_camera=False)
 
 
-def _inside(position: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each particle, ``position`` [m] of shape [n, dimension], has metal on all sides.
+@dataclass(frozen=True)
+class Neighbours:
+    """Pairs of particles within `REACH`, shape [pairs, 2], each pair once."""
 
-    The second array says whether all of its neighbours have, too.
-    """
+    pairs: np.ndarray
+
+    def all_are(self, marked: np.ndarray) -> np.ndarray:
+        """Whether all neighbours of a particle are ``marked``, both of shape [n]."""
+        (a, b), count = self.pairs.T, len(marked)
+        return np.bincount(a, ~marked[b], count) + np.bincount(b, ~marked[a], count) == 0
+
+
+def _inside(position: np.ndarray, spacing: float) -> tuple[np.ndarray, Neighbours]:
+    """Whether each particle, ``position`` [m] of shape [n, dimension], has metal on all sides; and the neighbours."""
     from scipy.spatial import cKDTree
 
-    count = len(position)
     pairs = cKDTree(position).query_pairs(REACH * spacing, output_type="ndarray")
-    inside = np.bincount(pairs.ravel(), minlength=count) >= ALL_ROUND[position.shape[1]]
-    open_neighbours = np.bincount(pairs[:, 0], ~inside[pairs[:, 1]], count)
-    open_neighbours += np.bincount(pairs[:, 1], ~inside[pairs[:, 0]], count)
-    return inside, open_neighbours == 0
+    inside = np.bincount(pairs.ravel(), minlength=len(position)) >= ALL_ROUND[position.shape[1]]
+    return inside, Neighbours(pairs)
