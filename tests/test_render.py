@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_run import driven, pixels, share
+from scipy.spatial import cKDTree
 
 from taichi_slm.errors import ConfigError, StorageError
 from taichi_slm.output.snapshots import Snapshot, read_series, read_snapshot, spread, write_series
@@ -15,6 +16,7 @@ from taichi_slm.render import paint
 from taichi_slm.render.frame import frame
 from taichi_slm.render.isotherm import smooth
 from taichi_slm.render.movie import GIF_BYTES, film_run
+from taichi_slm.render.particles import FINE, Particles
 from taichi_slm.render.views import Clock, Studio, open_run, render_run, scales
 
 
@@ -104,6 +106,36 @@ def test_frame_maps_points_to_pixels():
     assert low[0] == pytest.approx(40, abs=1)
     assert low[1] == pytest.approx(150, abs=2)
     assert seen.window[0] == 1800
+
+
+@pytest.mark.parametrize("pixels_wide", [5.0, 12.0])
+def test_metal_has_no_gaps(pixels_wide):
+    """Every point inside, in the lattice, in loose melt and between them, is in a disc or a square that is drawn."""
+    dx, n = 4e-6, 40
+    position = (
+        np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2) + 0.5
+    ) * dx
+    molten = position[:, 0] > 0.5 * n * dx
+    rng = np.random.default_rng(1)
+    position[molten] += rng.uniform(-0.15 * dx, 0.15 * dx, (molten.sum(), 2))
+    arrays = {"position": position, "ever_liquid": molten.astype(np.uint8)}
+    drawn = Particles(Snapshot(arrays, time=0.0, step=0, dimension=2, spacing=dx), pixels_wide)
+    points = rng.uniform(3.0 * dx, (n - 3.0) * dx, (20_000, 2))
+    covered = np.zeros(len(points), bool)
+    for mesh, corners in ((drawn.backing, 4), (drawn.mesh, drawn.mesh.n_points // drawn.mesh.n_cells)):
+        outlines = np.asarray(mesh.points).reshape(-1, corners, 3)[:, :, :2]
+        centres, reach = outlines.mean(axis=1), np.abs(outlines - outlines.mean(axis=1)[:, None]).max(axis=1)
+        for number, near in enumerate(cKDTree(centres).query_ball_point(points, 1.1 * dx)):
+            away = np.abs(points[number] - centres[near])
+            inside = (
+                (away < reach[near]).all(axis=1)
+                if corners == 4
+                else np.hypot(*away.T) < 0.97 * reach[near, 0]
+            )
+            covered[number] |= inside.any()
+    assert covered.all()
+    share_of_discs = drawn.mesh.n_cells / len(position)
+    assert share_of_discs == 1.0 if pixels_wide > FINE else share_of_discs < 0.4
 
 
 def test_states_can_be_told_apart():
