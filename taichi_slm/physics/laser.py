@@ -255,7 +255,7 @@ class LaserBins:
             for o, f, m, x in zip(self.lower, first, self.columns, centre, strict=False)
         ]
         bottom = -np.inf if self.whole else self.bottom()
-        alone = self._schedule.plain(hot)
+        alone = self._schedule.plain(hot // 4)  # a quarter of them are in the light
         first_x, first_y = (*first, 0)[:2]
         # below it nothing is deposited, and nothing handed back
         lowest = math.floor((max(bottom, self.lower[-1]) - self.lower[-1]) / self.size)

@@ -48,7 +48,8 @@ class FlowPasses:
 
     def walls(self) -> None:
         """Extrapolate the liquid's pressure and velocity to the still particles beside it; and show its own."""
-        self._walls(self._rows.flow, self._schedule.alone(self._rows.flow))
+        mobile, flow = self._rows.mobile, self._rows.flow
+        self._walls(flow, self._schedule.alone(flow - mobile + mobile // 10))  # the mobile rows are plain
 
     def momentum(self, dt: float) -> None:
         """Write accelerations and shifts; ``dt`` [s] is the time of the viscous heat and of the shear."""

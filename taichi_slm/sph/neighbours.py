@@ -322,7 +322,7 @@ class Neighbours:
     def settle(self) -> None:
         """Search the lists of the hot rows that have none."""
         if self._needs.heat:
-            self._settle(self.hot, self._gathering, self._schedule.plain(self.hot))
+            self._settle(self.hot, self._gathering, self._schedule.plain(self.hot // 4))  # few have none
 
     def everyone_is_hot(self) -> None:
         """Until the next choice: nobody knows who is, as when particles were loaded from elsewhere."""
