@@ -52,6 +52,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         "random_seed": 0,  # part of the offline cache's key: fixed, or every start compiles anew
         "log_level": ti.ERROR,
         "debug": debug,
+        "unrolling_limit": 0,  # no warning of the 50 lines that copy a checkpoint
     }
     if threads is not None:
         options["cpu_max_num_threads"] = threads

@@ -134,6 +134,9 @@ class FakeSimulation:
             self.particle_steps += self.scene.count
         self.ever_liquid |= self._temperature() >= LIQUIDUS
 
+    def pause(self) -> None:
+        pass
+
     def _beam(self) -> float:
         return 100e-6 + SPEED * self.time
 

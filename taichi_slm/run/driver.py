@@ -187,16 +187,19 @@ def _conclude(recorder: Recorder, console: Console, threads: int | None) -> Path
 
 def _loop(sim: "Simulation", recorder: Recorder, progress: Progress, requests: StopRequests) -> None:
     limit = sim.config.time.wall_limit  # of this process, building and compiling included
-    if sim.steps == 0 and (row := recorder.record()):
+    if sim.steps == 0 and (row := recorder.record(paused=True)):
         progress.update(row)
     while not sim.finished:
-        before = sim.steps
-        sim.advance(recorder.next_moment(), recorder.next_pause())
+        before, pause = sim.steps, recorder.next_pause()
+        sim.advance(recorder.next_moment(), pause)
         if not sim.finished and requests.reason is None and sim.steps == before:
             raise BlowUpError(f"the time step collapsed: no step was made at {quantity(sim.time, 's')}")
-        row = recorder.record()
+        paused = sim.steps >= pause
+        row = recorder.record(paused)
         if row:
             progress.update(row)
+        if not paused:
+            continue
         if recorder.folder.stop.exists():
             requests.reason = requests.reason or "the file STOP"
         if limit is not None and time.perf_counter() - recorder.began > limit:

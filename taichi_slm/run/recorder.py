@@ -100,13 +100,18 @@ class Recorder:
         pause = min(PAUSE, max(1, LONGEST // at_work))
         return min(_next_multiple(sim.steps, pause), _next_multiple(sim.steps, every or pause))
 
-    def record(self) -> dict[str, Any] | None:
-        """Write all that is due now; the row of history if there was one."""
+    def record(self, paused: bool) -> dict[str, Any] | None:
+        """Write all that is due now; the row of history if there was one.
+
+        ``paused``: the run has come to a step at which it may be saved, whatever the clock on the wall says.
+        """
         now = self.sim.time
         row = self.write_row() if self.rows.due(now) else None
         if self.pictures.due(now):
             self.write_snapshot()
-        if self.saves.due(now) or self._save_is_late():
+        if paused:
+            self.sim.pause()
+        if self.saves.due(now) or (paused and self._save_is_late()):
             self.write_checkpoint()
         elif time.perf_counter() - self._status_at > STATUS_SECONDS:
             self.write_status("running")

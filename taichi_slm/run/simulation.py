@@ -129,7 +129,6 @@ class Simulation:
                 self.time < until * (1.0 - 1e-12) and not self.finished and self.steps < (pause or math.inf)
             ):
                 self._span(until)
-            self.activity.renew()
             if self.flow_step is not None and self.flow_step.flow.moved >= LOST:
                 self.activity.build()  # names who is lost
         self.solver_time_s += time.perf_counter() - began
@@ -271,21 +270,17 @@ class Simulation:
 
     def arrays(self, names: Sequence[str] = SNAPSHOT_ARRAYS) -> dict[str, np.ndarray]:
         """The particles that are still there, in the order of their ids; SI units, names as in the snapshots."""
-        there = self.state.array("mobility") != REMOVED
-        return {name: self._array(name)[there] for name in names if self._has(name)}
-
-    def _has(self, name: str) -> bool:
-        return name in _OF_THE_SCENE or name in ("id", "pressure") or name in self.state.names
-
-    def _array(self, name: str) -> np.ndarray:
-        if name in _OF_THE_SCENE:
-            return np.asarray(getattr(self.scene, name)).astype(_OF_THE_SCENE[name])
-        if name == "id":
-            return np.arange(self.scene.count, dtype=np.int32)
-        if name not in self.state.names:  # a pressure that nobody computes
-            return np.zeros(self.scene.count)
-        values = self.state.array(name)
-        return values.astype(np.uint8) if name == "ever_liquid" else values
+        count, kinds = self.scene.count, _OF_THE_SCENE
+        found = self.state.arrays(["mobility", *(name for name in names if name in self.state.names)])
+        there = found["mobility"] != REMOVED
+        found |= {
+            name: np.asarray(getattr(self.scene, name)).astype(kinds[name]) for name in names if name in kinds
+        }
+        found["id"] = np.arange(count, dtype=np.int32)
+        found.setdefault("pressure", np.zeros(count))  # that nobody computes
+        if "ever_liquid" in found:
+            found["ever_liquid"] = found["ever_liquid"].astype(np.uint8)
+        return {name: found[name][there] for name in names if name in found}
 
     def diagnostics(self) -> dict[str, float | int | str]:
         """One row of the history, but for the melt pool's size."""
@@ -306,10 +301,14 @@ class Simulation:
         """[m/s], shape [n, dimension]."""
         return self.state.array("velocity")
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """Everything that a restart needs; the lists are built anew on both sides, so both go on with the same bits."""
+    def pause(self) -> None:
+        """Have rows and lists built anew next, as a run must that is resumed here: so both go on with the same bits."""
         self.activity.renew()
-        saved = {f"state.{name}": self.state.array(name) for name in self.state.names}
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Everything that a restart needs; with a ``pause``."""
+        self.pause()
+        saved = {f"state.{name}": values for name, values in self.state.arrays(self.state.names).items()}
         saved |= {f"ledger.{name}": getattr(self.ledger, name).to_numpy()
                   for name in ("energy", "momentum", "clamps", "removed", "removed_mass")}  # fmt: skip
         flow = self.flow_step
