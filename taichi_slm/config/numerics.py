@@ -41,7 +41,7 @@ class Numerics(Frozen):
         0.2, description="dt_heat <= factor rho c h^2/k (44); 0.125 is printed"
     )
     temperature_step: PositiveNumber = Field(
-        200.0,
+        400.0,
         description="largest rise by the laser in one heat step [K]; bounds the heat step while the beam is on",
     )
     maximum_step: PositiveTime | None = None
