@@ -94,8 +94,8 @@ class State:
             self.viscosity = scalar("viscosity")  # [Pa s]; phase change
             self.acceleration = vector("acceleration", of=moving)  # [m/s^2]; momentum
             self.density_rate = scalar("density_rate", of=moving)  # [kg/(m^3 s)]; continuity
-            # [m] when the lists were built; neighbours
-            self.reference_position = vector("reference_position", of=moving)
+            # [m] at which cells and lists have a particle, within half a skin of where it is; cells
+            self.reference_position = vector("reference_position")
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force", of=moving)  # [N] from walls on a mobile particle; momentum
         if needs.shown_velocity:

@@ -36,7 +36,8 @@ def test_the_rim_grows_with_the_heat_step():
     1e-9 of the energy goes missing; with the rim of the first step to the end, 3e-7.
     """
     beam = {"path": [{"kind": "line", "start": [2e-4], "end": [2.4e-4], "speed": 2.0}]}
-    sim = Simulation(track(8, plate=4.0, duration=60e-6, physics={"flow": False}, laser=beam))
+    sim = Simulation(track(8, plate=4.0, duration=60e-6, physics={"flow": False}, laser=beam,
+                           numerics={"sound_speed": 20.0, "temperature_step": 200.0}))  # fmt: skip
     spans = []
     while not sim.finished and sim.time < 60e-6:
         before = sim.time
@@ -52,14 +53,13 @@ def test_cells_that_follow_are_those_of_a_look_at_everybody():
     while sim.activity.choices < 10:
         sim.step()
     cells = sim.activity.cells
-    sim.activity.outgrown = True
-    sim.activity.neighbours()
+    sim.pause()  # everybody's place is taken up
+    sim.activity.build()
     hot = sim.rows.hot_rows.to_numpy()[: sim.rows.hot]
     followed = [field.to_numpy() for field in (cells.count, cells.home, cells.active)]
     members = cells.items.to_numpy()
-    sim.activity.warmed()
-    sim.activity.outgrown = True
-    sim.activity.neighbours()
+    sim.activity.forget()
+    sim.activity.build()
     anew = [field.to_numpy() for field in (cells.count, cells.home, cells.active)]
     assert sim.rows.mobile > 10
     for mine, theirs in zip(followed, anew, strict=True):

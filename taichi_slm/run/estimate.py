@@ -207,7 +207,7 @@ def state_bytes(config: Config, real: int = 8) -> float:
 def on_demand_bytes(config: Config, real: int = 8) -> float:
     """Bytes of one particle's fields that it needs only once it is hot, or moves: those of `Blocks` in state.py."""
     physics, d = config.physics, config.dimension
-    moving = 1 + 3 * d if physics.flow else 0
+    moving = 1 + 2 * d if physics.flow else 0
     if _has_surface(config):
         moving += 1 + 2 * d
     if physics.surface_tension or physics.marangoni or physics.recoil:

@@ -6,7 +6,7 @@
 | no list and no cell is full | whenever lists are made | ``solver/activity.py`` |
 | nobody is so much faster than sound that steps collapse to a tenth | in every heat step | here |
 | temperatures stay within the property tables | in every heat step | ``Simulation._heat`` |
-| mass, heat and momentum are finite and accounted for | every ten flow steps; in cold metal at a choice of hot | here |
+| mass, heat and momentum are finite and accounted for | every ten flow steps, of cold metal now and then | here |
 """
 
 import math
@@ -37,9 +37,13 @@ class Guards:
 
     def __init__(self, simulation: "Simulation"):
         self._sim = simulation
-        self._due = {False: 0, True: 0}
+        self.restart()
         # the apparent heat capacity loses heat where a step jumps over the melting range: a doubt, not an end
         self._conservative = simulation.config.numerics.latent_heat == "enthalpy"
+
+    def restart(self) -> None:
+        """Look next where a run that has come this far without a stop would."""
+        self._due = dict.fromkeys((False, True), _next(self._sim.steps))
 
     def speed(self, fastest: float) -> None:
         """Raise BlowUpError if ``fastest`` [m/s] is far beyond sound and cuts steps to a tenth of those at rest."""
@@ -60,9 +64,9 @@ class Guards:
         """Every ten of ``steps``: raise BlowUpError on a broken account; of energy only where ``heat`` is settled."""
         if steps < self._due[heat]:
             return
-        self._due[False] = steps + EVERY
+        self._due[False] = _next(steps)
         if heat:
-            self._due[True] = steps + EVERY
+            self._due[True] = _next(steps)
         books = self._sim.accounts.books()
         if not all(math.isfinite(value) for value in books):
             raise BlowUpError(f"accounts: a sum over all particles is not finite ({self.not_finite()})")
@@ -119,3 +123,7 @@ class Guards:
         now = state.array("position")
         then = state.array("reference_position") if "reference_position" in state.names else now
         return np.where(np.isfinite(now).all(axis=1, keepdims=True), now, then)
+
+
+def _next(steps: int) -> int:
+    return (steps // EVERY + 1) * EVERY

@@ -77,7 +77,7 @@ class Simulation:
         began = time.perf_counter()
         if self.flow_step is not None:
             self.flow_step.advance(0.0)
-            self.activity.cells.follow(self.rows.rows, 0)
+            self.activity.cells.follow(self.rows.rows, 0, 0.0)
         if self.surface is not None:
             self.surface.refresh()
         if self.heat is not None:
@@ -350,3 +350,4 @@ class Simulation:
         if self.bins is not None:
             self.bins.floor[None] = floor
         self.activity.restart()
+        self.guards.restart()

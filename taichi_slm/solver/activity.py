@@ -23,6 +23,7 @@ from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import State
 
+TAKEN_UP = 0.5  # share of half a skin from which a particle's place is taken up when lists are built
 WARM_FROM = 1e-3  # a particle this far from the rest [K] is warm: 1e-6 of a melt pool's rise
 
 
@@ -43,7 +44,8 @@ class Activity:
         self.stale = self.outgrown = True
         self._placed = False  # whether the cells know where everybody is, but for who moved since
         self._keep = performance.keep_neighbours
-        self._half_skin2 = (0.5 * performance.skin * dx) ** 2
+        self._half_skin = 0.5 * performance.skin * dx
+        self._anew = True  # whether every list is to be searched at the next build
         self._all_flow = not performance.skip_solid
         self._all_hot = all_hot or not performance.skip_cold or not state.needs.heat
         self._laser = config.laser
@@ -57,7 +59,7 @@ class Activity:
 
     def neighbours(self) -> None:
         """Build the lists anew if they are stale or somebody moved half a skin."""
-        moved = self.flow is not None and self.builds > 0 and self.flow.moved > self._half_skin2
+        moved = self.flow is not None and self.builds > 0 and self.flow.moved > self._half_skin**2
         if not self._keep:
             self.forget()
         if self.stale or moved:
@@ -100,38 +102,46 @@ class Activity:
         self._check_lists()
         if self.ejection is not None:
             self.ejection.step()
-        if self.surface is not None and self.rows.flow > 0:
+        if self.surface is not None:
             self.surface.refresh()
         if self.flow is not None:
             self.flow.moved = 0.0
-        self.stale = self.outgrown = False
+        self.stale = self.outgrown = self._anew = False
         self.builds += 1
 
     def _widen(self) -> None:
         """Choose the hot rows anew. Who moves keeps its lists: no skip of cold metal decides when melt is let go."""
-        self._choose_hot()
+        self._choose_hot(taken_up=False)
         self.rows.settle()
         self._check_lists()
         self.outgrown = False
 
     def _follow(self) -> bool:
         """Gather the flow rows from the cells that the mobile particles are in now; False: the hot set is outgrown."""
-        self.cells.follow(self.rows.rows, self.rows.mobile)
+        self._take_up()
         self._check_cells()
-        return self.rows.gather(self._all_flow)
+        return self.rows.gather(self._all_flow, not self._anew)
+
+    def _take_up(self) -> None:
+        """Let cells and lists know where those are that have moved by a good part of what the skin allows."""
+        within = 0.0 if self._anew else TAKEN_UP * self._half_skin
+        self.cells.follow(self.rows.rows, self.rows.mobile, within)
 
     def _choose(self) -> None:
         """Choose both sets of rows from all particles."""
-        self._choose_hot()
-        self.rows.gather(self._all_flow)
+        self._choose_hot(taken_up=True)
+        self.rows.gather(self._all_flow, not self._anew)
 
-    def _choose_hot(self) -> None:
+    def _choose_hot(self, taken_up: bool) -> None:
+        """Choose the hot rows; ``taken_up``: lists are searched next, so that cells may know where everybody is now."""
         if self._placed:
-            self.cells.follow(self.rows.rows, self.rows.mobile)
+            if taken_up:
+                self._take_up()
             self.cells.rouse(self.rows.hot_rows, self.rows.hot, WARM_FROM, self.rest)
         else:
-            self.cells.build(WARM_FROM, self.rest)
-            self._placed = self.cells.can_follow
+            self.cells.build(WARM_FROM, self.rest, taken_up)
+            self._placed = self.cells.can_follow and taken_up
+            self._anew = True
         self._check_cells()
         self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
@@ -144,7 +154,7 @@ class Activity:
         Lists among still particles stay: searched anew they would be the same.
         """
         self.rows.renew()
-        self.stale = self.outgrown = True
+        self.stale = self.outgrown = self._anew = True
 
     def forget(self) -> None:
         """Choose every row and search every list anew at the next build; for particles that were put elsewhere."""

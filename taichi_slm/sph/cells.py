@@ -1,8 +1,9 @@
 """The cell grid: every particle in a box, so that a search looks at a few boxes instead of at all particles.
 
 Cells hold at most ``capacity`` particles, in the order of their ids: sums over neighbours are then the same bits
-in every run. A fuller cell is an error that the host reads, never a truncation. After a build only those who move
-change their cell, and which cells are active is asked of those who may be warm.
+in every run. A fuller cell is an error that the host reads, never a truncation. A particle is where its reference
+position is, which is that of when it was last put into a cell: after a build only those who moved far enough change
+it, the cells that see them are ``touched``, and which cells are active is asked of those who may be warm.
 """
 
 import math
@@ -47,6 +48,12 @@ class Cells:
         self.inner.from_numpy(inner.ravel())
         self._windows: dict[int, Any] = {}
         self.home = ti.field(ti.i32, shape=state.count)
+        self.touched = ti.field(
+            ti.i32, shape=self.total
+        )  # number of the last following that changed what it sees
+        self.followings = 0
+        # [m], by which particles are in cells and lists; where nobody moves, the position is it for good
+        self.reference = state.reference_position if state.needs.flow else state.position
         self._schedule = schedule
         self.cell_of, self._finite = self._compile_place(lower)
         self._clear, self._fill, self._sort, self._rouse = self._compile_build(state, schedule.ordered)
@@ -76,7 +83,7 @@ class Cells:
     def _compile_build(self, state: State, ordered: bool) -> tuple[Any, ...]:
         count, items, active, home = self.count, self.items, self.active, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
-        cell_of, finite = self.cell_of, self._finite
+        cell_of, finite, reference = self.cell_of, self._finite, self.reference
 
         @ti.func
         def stirs(a, warm_from, rest):
@@ -94,7 +101,7 @@ class Cells:
 
         @direct
         @ti.kernel
-        def fill(warm_from: ti.f64, rest: ti.f64):
+        def fill(warm_from: ti.f64, rest: ti.f64, taken_up: ti.i32):
             ti.loop_config(serialize=ordered)
             for a in range(state.count):
                 if state.mobility[a] != REMOVED:
@@ -104,6 +111,8 @@ class Cells:
                     else:
                         c = cell_of(x)
                         home[a] = c
+                        if taken_up != 0:
+                            reference[a] = x
                         slot = ti.atomic_add(count[c], 1)
                         if slot < capacity:
                             items[c, slot] = a
@@ -142,7 +151,18 @@ class Cells:
     def _compile_follow(self, state: State) -> Any:
         count, items, home = self.count, self.items, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
-        cell_of, finite = self.cell_of, self._finite
+        cell_of, finite, reference = self.cell_of, self._finite, self.reference
+        window, touched = self.window(self.border), self.touched
+        stirred = ti.field(
+            ti.i32, shape=self.total
+        )  # number of the last following that changed the cell itself
+
+        @ti.func
+        def touch(c, now):
+            if stirred[c] != now:
+                stirred[c] = now
+                for w in range(window.shape[0]):
+                    touched[c + window[w]] = now
 
         @ti.func
         def take_out(a, c):
@@ -170,7 +190,7 @@ class Cells:
 
         @direct
         @ti.kernel
-        def follow(moved: ti.template(), number: ti.i32):
+        def follow(moved: ti.template(), number: ti.i32, near2: state.real, now: ti.i32):
             ti.loop_config(serialize=True)  # two may leave one cell
             for k in range(number):
                 a = moved[k]
@@ -179,11 +199,15 @@ class Cells:
                     invalid[None] = a
                 elif state.mobility[a] == REMOVED:
                     take_out(a, home[a])
-                else:
+                    touch(home[a], now)
+                elif state.mobility[a] != MOBILE or (x - reference[a]).norm_sqr() > near2:
                     c = cell_of(x)
+                    reference[a] = x
+                    touch(home[a], now)
                     if c != home[a]:
                         take_out(a, home[a])
                         put_in(a, c)
+                        touch(c, now)
 
         return follow
 
@@ -202,13 +226,14 @@ class Cells:
         """Cells to look at on each side for everything within ``radius`` [m]."""
         return int(math.ceil(radius / self.size - 1e-9))
 
-    def build(self, warm_from: float, rest: float) -> None:
+    def build(self, warm_from: float, rest: float, taken_up: bool) -> None:
         """Put every particle that is not removed into its cell and tell which cells are active.
 
-        Warm is a temperature that differs from ``rest`` [K] by more than ``warm_from`` [K].
+        Warm is a temperature that differs from ``rest`` [K] by more than ``warm_from`` [K]. ``taken_up``: where the
+        particles are becomes their reference, by which all lists are to be searched next.
         """
         self._clear(self._schedule.plain(self.total))
-        self._fill(warm_from, rest)
+        self._fill(warm_from, rest, int(taken_up))
         if not self._schedule.ordered:  # a serial fill is in order already
             self._sort()
 
@@ -217,9 +242,13 @@ class Cells:
         """Whether a few particles can change their cells without a build: on a CPU, one after another."""
         return self._schedule.ordered
 
-    def follow(self, moved: Any, number: int) -> None:
-        """Let the first ``number`` particles of the field ``moved`` change their cells; the removed ones leave."""
-        self._follow(moved, number)
+    def follow(self, moved: Any, number: int, within: float) -> None:
+        """Take up where the first ``number`` particles of the field ``moved`` are now; the removed ones leave.
+
+        Those that are ``within`` [m] of their reference keep it (0: only who has not moved), but for the frozen ones.
+        """
+        self.followings += 1
+        self._follow(moved, number, within**2, self.followings)
 
     def rouse(self, rows: Any, number: int, warm_from: float, rest: float) -> None:
         """Tell anew which cells are active: warm and mobile are some of the first ``number`` in the field ``rows``."""

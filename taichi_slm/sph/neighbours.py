@@ -43,11 +43,16 @@ class Neighbours:
         self.far_capacity = int(LIST_ROOM * (ball(far / dx) - ball(near / dx))) + LIST_SPARE if far else 0
         self.rows = ti.field(ti.i32, shape=n)
         self.hot_rows = ti.field(ti.i32, shape=n)
+        self.chosen = ti.field(ti.i32, shape=n)  # number of the choice in which a particle was hot last
+        self.choices = 0
         self.core = ti.field(
             ti.i32, shape=n
         )  # of a hot row: 1 amid the active cells, 0 at the rim of the hot set
         known = Blocks(n)  # of who has lists, or had
         self.listed = known.field(ti.i32)
+        self._kept = known.field(ti.i32)  # the last gathering for which the lists of a flow row were good
+        self._todo = ti.field(ti.i32, shape=n)  # flow rows whose lists are to be searched
+        self.searched = 0  # of them at the last gathering
         self.near_count = known.field(ti.i32)
         self.near = Blocks(n).field(ti.i32, self.near_capacity + 1)  # and one to spare, see search_near
         if far:
@@ -57,7 +62,8 @@ class Neighbours:
         self.mobile = self.flow = self.hot = 0
         self._flow_row = known.field(ti.i32)  # the gathering at which a particle was a flow row last
         self._gathering = 0
-        self._ends = ti.field(ti.i32, shape=4)  # mobile, flow, hot; whether a mover has left the core
+        # mobile, flow, hot; whether a mover has left the core; flow rows to be searched
+        self._ends = ti.field(ti.i32, shape=5)
         self._zone = ti.field(ti.i32, shape=cells.total)
         self._schedule, self._needs = schedule, state.needs
         self._spread, self._grow, self._choose = self._compile_hot(state, cells, reach)
@@ -66,13 +72,8 @@ class Neighbours:
 
     def _compile_hot(self, state: State, cells: Cells, reach: int) -> tuple[Any, Any, Any]:
         d, window, ring = state.dimension, cells.window(reach), cells.window(RING)
-        hot_rows, core, ends, zone, ordered = (
-            self.hot_rows,
-            self.core,
-            self._ends,
-            self._zone,
-            self._schedule.ordered,
-        )
+        hot_rows, chosen, core, ends = self.hot_rows, self.chosen, self.core, self._ends
+        zone, ordered = self._zone, self._schedule.ordered
         grown = ti.field(ti.i32, shape=cells.total)
         Corner = ti.types.vector(d, ti.f64)
 
@@ -119,7 +120,7 @@ class Neighbours:
 
         @direct
         @ti.kernel
-        def choose(everything: ti.i32, low: Corner, high: Corner):
+        def choose(everything: ti.i32, number: ti.i32, low: Corner, high: Corner):
             ends[2] = 0
             for c in range(everything * cells.total):
                 zone[c] = HOT | CORE
@@ -130,6 +131,7 @@ class Neighbours:
                     if bits != 0 or lit(a, low, high):
                         k = ti.atomic_add(ends[2], 1)
                         hot_rows[k] = a
+                        chosen[a] = number
                         core[k] = ti.cast((bits & CORE) != 0, ti.i32)
 
         return spread, grow, choose
@@ -139,6 +141,7 @@ class Neighbours:
             self.rows, self.hot_rows, self._ends, self._flow_row, self._schedule.ordered,
         )  # fmt: skip
         window, radius2, zone = cells.window(reach), radius**2, self._zone
+        place, kept, todo = cells.reference, self._kept, self._todo
         movers_at = ti.field(
             ti.i32, shape=cells.total
         )  # the gathering at which a cell had a mobile particle last
@@ -160,17 +163,22 @@ class Neighbours:
                     for slot in range(cells.count[e]):
                         b = cells.items[e, slot]
                         if state.mobility[b] == MOBILE:
-                            if (state.position[a] - state.position[b]).norm_sqr() < radius2:
+                            if (place[a] - place[b]).norm_sqr() < radius2:
                                 touched = 1
             return touched
 
         @direct
         @ti.kernel
         def gather(
-            hot: ti.i32, everything: ti.i32, now: ti.i32, report: ti.types.ndarray(dtype=ti.i32, ndim=1)
+            hot: ti.i32,
+            everything: ti.i32,
+            now: ti.i32,
+            following: ti.i32,
+            report: ti.types.ndarray(dtype=ti.i32, ndim=1),
         ):
             ends[0] = 0
             ends[3] = 0
+            ends[4] = 0
             found[None] = 0
             ti.loop_config(serialize=ordered)
             for k in range(hot):
@@ -179,7 +187,7 @@ class Neighbours:
             ends[1] = ends[0]
             ti.loop_config(serialize=ordered)
             for k in range(ends[0]):
-                c = cells.cell_of(state.position[rows[k]])
+                c = cells.home[rows[k]]
                 if (zone[c] & CORE) == 0:
                     ends[3] = 1
                 if everything == 0 and ti.atomic_max(movers_at[c], now) < now:
@@ -198,7 +206,14 @@ class Neighbours:
             for a in range(everything * state.count):
                 if state.mobility[a] == STILL:
                     append(1, a, now)
-            for i in ti.static(range(4)):
+            ti.loop_config(serialize=ordered)
+            for k in range(ends[1]):
+                a = rows[k]
+                if following == 0 or kept[a] != now - 1 or cells.touched[cells.home[a]] == following:
+                    todo[ti.atomic_add(ends[4], 1)] = a
+                else:
+                    kept[a] = now
+            for i in ti.static(range(5)):
                 report[i] = ends[i]
 
         return gather
@@ -208,14 +223,15 @@ class Neighbours:
     ) -> tuple[Any, ...]:
         window, near_window = cells.window(cells.reach(far or near)), cells.window(cells.reach(near))
         still2, near2, far2 = still**2, near**2, (far or near) ** 2
-        rows, hot_rows, listed, overflow = self.rows, self.hot_rows, self.listed, self.overflow
+        hot_rows, listed, overflow, place = self.hot_rows, self.listed, self.overflow, cells.reference
+        todo, kept = self._todo, self._kept
         near_capacity, far_capacity, flow_row = self.near_capacity, self.far_capacity, self._flow_row
-        needs_flow, wide = state.needs.flow, far is not None
+        wide = far is not None
 
         @ti.func
         def search_near(a, radius2):
-            x = state.position[a]
-            c = cells.cell_of(x)
+            x = place[a]
+            c = cells.home[a]
             n = 0
             for w in range(near_window.shape[0]):
                 e = c + near_window[w]
@@ -223,24 +239,22 @@ class Neighbours:
                     b = cells.items[e, slot]
                     # written before it is known to be near, and kept by counting it: no branch to guess wrongly
                     self.near[a, ti.min(n, near_capacity)] = b
-                    n += ti.cast((x - state.position[b]).norm_sqr() < radius2, ti.i32) * ti.cast(
-                        b != a, ti.i32
-                    )
+                    n += ti.cast((x - place[b]).norm_sqr() < radius2, ti.i32) * ti.cast(b != a, ti.i32)
             if n > near_capacity:
                 overflow[None] = a
             self.near_count[a] = ti.min(n, near_capacity)
 
         @ti.func
         def search_both(a):
-            x = state.position[a]
-            c = cells.cell_of(x)
+            x = place[a]
+            c = cells.home[a]
             n = 0
             m = 0
             for w in range(window.shape[0]):
                 e = c + window[w]
                 for slot in range(cells.count[e]):
                     b = cells.items[e, slot]
-                    r2 = (x - state.position[b]).norm_sqr()
+                    r2 = (x - place[b]).norm_sqr()
                     self.near[a, ti.min(n, near_capacity)] = b
                     self.far[a, ti.min(m, far_capacity)] = b
                     is_near = ti.cast(r2 < near2, ti.i32)
@@ -253,19 +267,17 @@ class Neighbours:
 
         @direct
         @ti.kernel
-        def search(flow: ti.i32, alone: ti.template()):
+        def search(count: ti.i32, now: ti.i32, alone: ti.template()):
             overflow[None] = -1
             ti.loop_config(serialize=alone)
-            for k in range(flow):
-                a = rows[k]
-                if ti.static(needs_flow):
-                    if state.mobility[a] == MOBILE:
-                        state.reference_position[a] = state.position[a]
+            for k in range(count):
+                a = todo[k]
                 if ti.static(wide):
                     search_both(a)
                 else:
                     search_near(a, near2)
                 listed[a] = ANEW
+                kept[a] = now
 
         @direct
         @ti.kernel
@@ -301,22 +313,26 @@ class Neighbours:
         self._spread(alone)
         for _ in range(rings):
             self._grow(alone)
-        self._choose(int(everything), *beam)
+        self.choices += 1
+        self._choose(int(everything), self.choices, *beam)
         self.hot = int(self._ends[2])
 
-    def gather(self, everything: bool) -> bool:
-        """Choose the flow rows, or take ``everything``; False if a mobile particle has left the core of the hot set."""
+    def gather(self, everything: bool, followed: bool) -> bool:
+        """Choose the flow rows, or take ``everything``; False if a mobile particle has left the core of the hot set.
+
+        ``followed``: only the cells that the last following touched see anything new; otherwise all do.
+        """
         self._gathering += 1
         if not self._needs.flow:
             return True
-        ends = np.zeros(4, np.int32)
-        self._gather(self.hot, int(everything), self._gathering, ends)
-        self.mobile, self.flow, _, left = ends.tolist()
+        ends = np.zeros(5, np.int32)
+        self._gather(self.hot, int(everything), self._gathering, self._cells.followings * followed, ends)
+        self.mobile, self.flow, _, left, self.searched = ends.tolist()
         return not left
 
     def search(self) -> None:
-        """Search the lists of the flow rows, and those of the hot ones that have none."""
-        self._search(self.flow, self._schedule.alone(self.flow))
+        """Search the lists of the flow rows that see something new, and those of the hot ones that have none."""
+        self._search(self.searched, self._gathering, self._schedule.alone(self.searched))
         self.settle()
 
     def settle(self) -> None:
