@@ -183,7 +183,7 @@ def test_half_and_the_rest_are_the_whole(track):
     velocity = rest.velocity
     velocity[np.flatnonzero(rest.state.array("mobility") == MOBILE)[0]] = np.nan
     rest.state.load(velocity=velocity)
-    with pytest.raises(BlowUpError, match=r"not finite .*particle \d+, steel_304, last at [\d.]+ um, "):
+    with pytest.raises(BlowUpError, match=r"not finite.*particle \d+, steel_304, last at [\d.]+ um, "):
         rest.run()
 
     rest.restore(saved)
