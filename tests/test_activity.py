@@ -50,7 +50,7 @@ def test_the_rim_grows_with_the_heat_step():
 def test_cells_that_follow_are_those_of_a_look_at_everybody():
     """A melting track under a moving beam chooses its hot rows some ten times, and builds its cells once."""
     sim = Simulation(track(4, plate=2.0, duration=60e-6))
-    while sim.activity.choices < 10:
+    while sim.rows.choices < 10:
         sim.step()
     cells = sim.activity.cells
     sim.pause()  # everybody's place is taken up
@@ -87,7 +87,7 @@ def test_accounts_of_the_hot_and_the_kept_cold_are_those_of_everybody():
         assert abs(found[STORED] - stored) < 1e-12 * scale
         assert found[MOBILE_COUNT] == mobile
 
-    while sim.activity.choices < 6:
+    while sim.rows.choices < 6:
         sim.step()
         check()
     assert sim.rows.hot < 0.8 * sim.scene.count

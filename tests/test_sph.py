@@ -315,9 +315,9 @@ def test_lists_that_follow_are_those_chosen_anew(half_molten):
         frozen = rng.choice(np.flatnonzero(mobile), 3)
         mobility[frozen[frozen != gone]] = STILL
         sim.state.load(position=position, temperature=temperature, mobility=mobility)
-        before = sim.activity.choices
+        before = sim.rows.choices
         sim.activity.build()
-        anew += sim.activity.choices - before
+        anew += sim.rows.choices - before
         followed = [sim.rows.rows.to_numpy()[: sim.rows.flow], sim.rows.near_count.to_numpy(),
                     sim.rows.near.to_numpy(), sim.rows.far_count.to_numpy(), sim.rows.far.to_numpy()]  # fmt: skip
         searched.append(sim.rows.searched)

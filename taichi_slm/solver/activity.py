@@ -39,7 +39,7 @@ class Activity:
         self.ejection: Ejection | None = None
         self.heat: HeatPasses | None = None
         self.rest = rest
-        self.builds = self.choices = 0  # of lists; of those, with all rows chosen anew
+        self.builds = 0  # of lists
         self.cold_since = 0  # changes when others are cold than before, or the cold ones were changed
         self.stale = self.outgrown = True
         self._placed = False  # whether the cells know where everybody is, but for who moved since
@@ -145,7 +145,6 @@ class Activity:
         self._check_cells()
         self._rings = self._wanted()
         self.rows.choose_hot(self._all_hot, self._lit_box(), self._rings)
-        self.choices += 1
         self.cold_since += 1
 
     def renew(self) -> None:
