@@ -77,7 +77,6 @@ class Simulation:
         began = time.perf_counter()
         if self.flow_step is not None:
             self.flow_step.advance(0.0)
-            self.activity.cells.follow(self.rows.rows, 0, 0.0)
         if self.surface is not None:
             self.surface.refresh()
         if self.heat is not None:
@@ -86,13 +85,10 @@ class Simulation:
             self.heat.step(1.0, False, 0.1)  # so long that it has stages between the first and the last
         self.activity.beam_at(self._beam_centre(0.0, 0.0))
         self.activity.renew()
-        self.activity.build()
-        self.activity.renew()
-        self.activity.build()  # what follows the first
+        self.activity.compile()
         if self.surface is not None:
             self.surface.colour_everywhere()
-            self.activity.forget()
-            self.activity.build()
+        self.activity.build()
         self.accounts.survey()
         self.compile_time_s = time.perf_counter() - began
 

@@ -57,6 +57,13 @@ class Activity:
         self._margin = 2.0 * cells.size  # how far the beam may move before the lit set is chosen anew
         self._box: Any = ti.types.vector(state.dimension, ti.f64)
 
+    def compile(self) -> None:
+        """Launch over nobody what the first build does not need, and put all into cells."""
+        if self.cells.can_follow:
+            self.cells.follow(self.rows.rows, 0, 0.0)
+            self.cells.rouse(self.rows.hot_rows, 0, WARM_FROM, self.rest)
+        self.cells.build(WARM_FROM, self.rest, taken_up=True)
+
     def neighbours(self) -> None:
         """Build the lists anew if they are stale or somebody moved half a skin."""
         moved = self.flow is not None and self.builds > 0 and self.flow.moved > self._half_skin**2

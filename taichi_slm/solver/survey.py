@@ -38,10 +38,9 @@ class Survey:
         def survey(
             count: ti.i32, choice: ti.i32, whom: ti.template(), result: ti.types.ndarray(dtype=ti.f64, ndim=1)
         ):
-            for _ in range(1):
-                result[MOMENTUM + d] = removed_mass[None]
-                for i in ti.static(range(len(ENERGY))):
-                    result[MOMENTUM + d + 1 + i] = energy[i]
+            result[MOMENTUM + d] = removed_mass[None]
+            for i in ti.static(range(len(ENERGY))):
+                result[MOMENTUM + d + 1 + i] = energy[i]
             ti.loop_config(serialize=ordered)
             for chunk in range(chunks):
                 sums = ti.Vector.zero(ti.f64, MOMENTUM + d)
