@@ -19,19 +19,22 @@ struct Scene {  // the order is that of peer.py
     real delta, packing;              // strengths of diffusion [m^2/s] and packing correction [1/s]
     real shifting, dt;                // [-], [s]
     real normal_cut;                  // [1/m]
+    real singular;                    // determinant of a lone particle's moment matrix [-]
     real table_scale;                 // |grad c| [1/m] -> place in the table of a flat surface
     // sizes
-    int mobile, hot, near_surface_count, near_width, far_width, intervals;
+    int mobile, hot, near_surface_count, surface_mobile, near_width, far_width, intervals;
     // lists
     const int *rows, *hot_rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
     // fields, SI; vectors are x, y, x, y ...
     const real *position, *velocity, *density, *reference_density, *volume, *pressure, *viscosity;
     const real *background, *tangential_force, *normal, *colour_strength, *kirchhoff, *conduction_factor;
-    const real *flat_shepard;
+    const real *temperature, *liquid_fraction, *surface_tension, *surface_tension_slope;
+    const real *flat_shepard, *flat_depth;  // a flat surface's tables
     // results
     real *acceleration, *surface_force, *shift, *density_after;
     real *density_rate, *shepard, *background_mean;
     real *colour_gradient, *colour_strength_found, *normal_found;
+    real *curvature, *tangential_found, *capillary, *at_surface;
     double *heating;
 };
 
@@ -44,6 +47,12 @@ static inline real W(real r2, real alpha, real inverse_h) {
 static inline real F(real r2, real slope, real inverse_h) {
     real t = max(real(0), real(1) - real(0.5) * inverse_h * sqrt(r2));
     return slope * t * t * t;
+}
+
+static inline real of_a_flat_surface(const Scene &s, const real *table, real strength) {
+    real place = min(strength * s.table_scale, s.intervals * (1 - real(1e-6)));
+    int knot = (int)place;
+    return table[knot] + (place - knot) * (table[knot + 1] - table[knot]);
 }
 
 extern "C" void momentum(const Scene *scene) {
@@ -126,9 +135,7 @@ extern "C" void continuity(const Scene *scene) {
             weight += moves * share;
             background += moves * share * s.background[b];
         }
-        const real place = min(s.colour_strength[a] * s.table_scale, s.intervals * (1 - real(1e-6)));
-        const int knot = (int)place;
-        const real ideal = s.flat_shepard[knot] + (place - knot) * (s.flat_shepard[knot + 1] - s.flat_shepard[knot]);
+        const real ideal = of_a_flat_surface(s, s.flat_shepard, s.colour_strength[a]);
         const real packed = max(real(-0.1), min(real(0.1), gamma / ideal - 1));
         s.density_rate[a] = s.density[a] * (divergence / s.moment + s.packing * packed) + diffused;
         s.shepard[a] = gamma;
@@ -160,6 +167,65 @@ extern "C" void colour(const Scene *scene) {
         s.colour_strength_found[a] = strength;
         s.normal_found[2 * a] = cut ? real(0) : gx / strength;
         s.normal_found[2 * a + 1] = cut ? real(0) : gy / strength;
+    }
+}
+
+extern "C" void forces(const Scene *scene) {
+    const Scene &s = *scene;
+    const real inverse_h = 1 / s.h, slope_of_flow = -5 * s.alpha / (s.h * s.h);
+    const real inverse_h_surface = 1 / s.h_surface;
+    const real slope_factor = -5 * s.alpha_surface / (s.h_surface * s.h_surface);
+    for (int i = 0; i < s.surface_mobile; i++) {
+        const int a = s.rows[s.near_surface[i]];
+        const real nx = s.normal[2 * a], ny = s.normal[2 * a + 1];
+        s.curvature[a] = s.capillary[a] = s.at_surface[a] = 0;
+        s.tangential_found[2 * a] = s.tangential_found[2 * a + 1] = 0;
+        if (s.mobility[a] != 1 || !(nx * nx + ny * ny > real(0.5))) continue;
+        const real x = s.position[2 * a], y = s.position[2 * a + 1], T = s.temperature[a];
+        real divergence = 0, weight = s.volume[a] * s.alpha_surface, tx = 0, ty = 0;
+        real mxx = 0, mxy = 0, myy = 0, sxx = 0, sxy = 0, syy = 0;  // moment matrix, missing stress
+        const auto add = [&](int b, bool near) {
+            const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+            const real r2 = rx * rx + ry * ry;
+            const real slope = s.volume[b] * F(r2, slope_factor, inverse_h_surface);
+            const real mx = s.normal[2 * b], my = s.normal[2 * b + 1];
+            const real has = mx * mx + my * my > real(0.5) ? real(1) : real(0);
+            divergence += has * slope * ((mx - nx) * rx + (my - ny) * ry);
+            weight += has * s.volume[b] * W(r2, s.alpha_surface, inverse_h_surface);
+            const real difference = slope * (s.temperature[b] - T);
+            tx += difference * rx;
+            ty += difference * ry;
+            mxx -= slope * rx * rx;
+            mxy -= slope * rx * ry;
+            myy -= slope * ry * ry;
+            if (!near) return;
+            const real sheared = s.volume[b] * F(r2, slope_of_flow, inverse_h) * s.viscous_scale / (r2 + s.softening)
+                                 * (nx * rx + ny * ry);
+            sxx += sheared * rx * rx;
+            sxy += sheared * rx * ry;
+            syy += sheared * ry * ry;
+        };
+        const int *near = s.near + (long)a * s.near_width, *far = s.far + (long)a * s.far_width;
+        for (int j = 0; j < s.near_count[a]; j++) add(near[j], true);
+        for (int j = 0; j < s.far_count[a]; j++) add(far[j], false);
+        real kappa = divergence / weight;
+        kappa /= max(1 - kappa * of_a_flat_surface(s, s.flat_depth, s.colour_strength[a]), real(0.5));
+        const real largest = real(0.5) * inverse_h_surface;
+        kappa = max(-largest, min(kappa, largest));
+        const real determinant = mxx * myy - mxy * mxy;
+        if (!(determinant < s.singular)) {
+            const real plain = tx;
+            tx = (myy * plain - mxy * ty) / determinant;
+            ty = (mxx * ty - mxy * plain) / determinant;
+        }
+        const real along = tx * nx + ty * ny, slope = s.surface_tension_slope[a] * s.liquid_fraction[a];
+        tx = slope * (tx - along * nx);
+        ty = slope * (ty - along * ny);
+        s.curvature[a] = kappa;
+        s.tangential_found[2 * a] = sxx * tx + sxy * ty;
+        s.tangential_found[2 * a + 1] = sxy * tx + syy * ty;
+        s.capillary[a] = -s.surface_tension[a] * kappa * s.liquid_fraction[a];
+        s.at_surface[a] = max(real(0), min((s.colour_strength[a] - s.normal_cut) * s.h_surface / real(0.3), real(1)));
     }
 }
 

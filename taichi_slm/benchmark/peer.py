@@ -17,13 +17,14 @@ import numpy as np
 
 from taichi_slm.backend import ti
 from taichi_slm.physics.continuity import PACKING_BRACKET
+from taichi_slm.physics.marangoni import SINGULAR
 from taichi_slm.physics.shifting import AT_SURFACE, LARGEST
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.sph.lattice import isotropic_softening, viscous_moment
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=c++17", "-shared", "-fPIC")
 # operations for a neighbour in peer.cpp; a root, a division or a choice counts as one, what the loop repeats as none
-OPERATIONS = {"momentum": 54, "continuity": 41, "colour": 18, "conduction": 18}
+OPERATIONS = {"momentum": 54, "continuity": 41, "colour": 18, "forces": 58, "conduction": 18}
 ABOUT = (
     f"Plain scalar loops (taichi_slm/benchmark/peer.cpp), g++ {' '.join(FLAGS[:3])}; the kernels have fast math too. "
     "The largest difference is that of any result of the pass, over the largest value of that result. The limit of "
@@ -35,26 +36,31 @@ ABOUT = (
 SOURCE = Path(__file__).with_name("peer.cpp")
 _CONSTANTS = (
     "h", "alpha", "h_surface", "alpha_surface", "moment", "softening", "viscous_scale", "gravity", "sound_speed",
-    "delta", "packing", "shifting", "dt", "normal_cut", "table_scale",
+    "delta", "packing", "shifting", "dt", "normal_cut", "singular", "table_scale",
 )  # fmt: skip
-_SIZES = ("mobile", "hot", "near_surface_count", "near_width", "far_width", "intervals")
+_SIZES = ("mobile", "hot", "near_surface_count", "surface_mobile", "near_width", "far_width", "intervals")
 _LISTS = ("rows", "hot_rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
 _FIELDS = (
     "position", "velocity", "density", "reference_density", "volume", "pressure", "viscosity", "background",
-    "tangential_force", "normal", "colour_strength", "kirchhoff", "conduction_factor", "flat_shepard",
+    "tangential_force", "normal", "colour_strength", "kirchhoff", "conduction_factor", "temperature",
+    "liquid_fraction", "surface_tension", "surface_tension_slope",
 )  # fmt: skip
+_TABLES = ("flat_shepard", "flat_depth")
 _RESULTS = {  # name in C++ -> field of Taichi
     "acceleration": "acceleration", "surface_force": "surface_force", "shift": "shift", "density_after": "density",
     "density_rate": "density_rate", "shepard": "shepard", "background_mean": "background_mean",
     "colour_gradient": "colour_gradient", "colour_strength_found": "colour_strength", "normal_found": "normal",
-    "heating": "heating",
+    "curvature": "curvature", "tangential_found": "tangential_force", "capillary": "capillary",
+    "at_surface": "at_surface", "heating": "heating",
 }  # fmt: skip
 _PASSES = {
     "momentum": ("acceleration", "surface_force", "shift", "density_after"),
     "continuity": ("density_rate", "shepard", "background_mean"),
     "colour": ("colour_gradient", "colour_strength_found", "normal_found"),
+    "forces": ("curvature", "tangential_found", "capillary", "at_surface"),
     "conduction": ("heating",),
 }
+_OVER_BOTH = ("colour", "forces")  # lists
 
 
 def missing() -> str:
@@ -74,7 +80,7 @@ def _library(precision: str) -> ctypes.CDLL:
 @functools.lru_cache(maxsize=2)
 def _structure(precision: str) -> Any:
     real = ctypes.c_double if precision == "f64" else ctypes.c_float
-    pointers = (*_LISTS, *_FIELDS, *_RESULTS)
+    pointers = (*_LISTS, *_FIELDS, *_TABLES, *_RESULTS)
 
     class Scene(ctypes.Structure):
         """Mirror of `struct Scene` in peer.cpp."""
@@ -115,10 +121,11 @@ def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
         "momentum": lambda step: flow._momentum(rows.mobile, step, True),
         "continuity": lambda _: flow._continuity(rows.mobile, True),
         "colour": lambda _: surface._colour(surface.flow, True),  # type: ignore[union-attr]
+        "forces": lambda _: surface._forces(surface.mobile, True),  # type: ignore[union-attr]
         "conduction": lambda _: heat._rates(rows.hot, 0, 0.0, True),  # type: ignore[union-attr]
     }
     counts = {"momentum": rows.mobile, "continuity": rows.mobile, "conduction": rows.hot,
-              "colour": surface.flow if surface else 0}  # fmt: skip
+              "colour": surface.flow, "forces": surface.mobile}  # type: ignore[union-attr]  # fmt: skip
     return [exported.twin(name, counts[name], launch, dt) for name, launch in launches.items()]
 
 
@@ -139,6 +146,7 @@ class _Exported:
         )
         assert numerics.pressure_form == "sum" and numerics.viscosity_form == "isotropic"
         assert (PACKING_BRACKET, LARGEST, AT_SURFACE) == (0.1, 0.1, 0.5), "peer.cpp has these numbers"
+        assert numerics.curvature == "restricted" and numerics.curvature_clip == "two_sided"
 
     def _constants(self, dt: float) -> dict[str, float]:
         disc, numerics = self._sim.disc, self._sim.config.numerics
@@ -150,7 +158,7 @@ class _Exported:
             "viscous_scale": 2.0 / viscous_moment(disc.flow_kernel, softening, disc.dx), "gravity": disc.gravity,
             "sound_speed": numerics.sound_speed, "delta": 2.0 * numerics.delta * disc.h * numerics.sound_speed,
             "packing": numerics.packing_correction * numerics.sound_speed / disc.h, "shifting": disc.shifting,
-            "dt": dt, "normal_cut": numerics.normal_cut / disc.h_surface,
+            "dt": dt, "normal_cut": numerics.normal_cut / disc.h_surface, "singular": SINGULAR,
             "table_scale": disc.h_surface / disc.flat.largest * intervals,
         }  # fmt: skip
 
@@ -162,14 +170,16 @@ class _Exported:
         arrays["near_surface"] = surface._near_surface.to_numpy()
         arrays["mobility"] = sim.state.array("mobility")
         arrays = {name: np.ascontiguousarray(values, np.int32) for name, values in arrays.items()}
-        for name in _FIELDS[:-1]:
+        for name in _FIELDS:
             arrays[name] = np.ascontiguousarray(sim.state.array(name), self._real)
-        arrays["flat_shepard"] = np.ascontiguousarray(sim.disc.flat.shepard, self._real)
+        for name in _TABLES:
+            table = getattr(sim.disc.flat, name.removeprefix("flat_"))
+            arrays[name] = np.ascontiguousarray(table, self._real)
         for name, field in _RESULTS.items():
             like = sim.state.array(field)
             arrays[name] = np.zeros(like.shape, np.float64 if name == "heating" else self._real)
         sizes = {"mobile": rows.mobile, "hot": rows.hot, "near_surface_count": surface.flow,
-                 "near_width": rows.near.shape[1], "far_width": rows.far.shape[1],
+                 "surface_mobile": surface.mobile, "near_width": rows.near.shape[1], "far_width": rows.far.shape[1],
                  "intervals": len(sim.disc.flat.shepard) - 1}  # fmt: skip
         pointers = {name: values.ctypes.data for name, values in arrays.items()}
         return _structure(self._precision)(**self._constants(dt), **sizes, **pointers), arrays
@@ -201,15 +211,18 @@ class _Exported:
         rows, surface = self._sim.rows, self._sim.surface
         assert surface is not None
         chosen: np.ndarray = rows.rows.to_numpy()
-        if name == "colour":
-            return np.asarray(chosen[surface._near_surface.to_numpy()[: surface.flow]])
+        if name in _OVER_BOTH:
+            count = surface.flow if name == "colour" else surface.mobile
+            return np.asarray(chosen[surface._near_surface.to_numpy()[:count]])
         if name == "conduction":
             return np.asarray(rows.hot_rows.to_numpy()[: rows.hot])
         return chosen[: rows.mobile]
 
     def _neighbours(self, name: str) -> float:
         rows, own = self._sim.rows, self._rows(name)
-        count = rows.near_count.to_numpy()[own] + (rows.far_count.to_numpy()[own] if name == "colour" else 0)
+        count = rows.near_count.to_numpy()[own] + (
+            rows.far_count.to_numpy()[own] if name in _OVER_BOTH else 0
+        )
         return float(count.mean())
 
     def _largest_difference(self, name: str, results: dict[str, np.ndarray], density: np.ndarray) -> float:
