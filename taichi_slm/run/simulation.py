@@ -55,7 +55,8 @@ class Simulation:
         self.beam = BeamPath(config.laser, config.dimension) if config.laser else None
         real = getattr(ti, precision)
         cpu = arch == "cpu"
-        schedule = backend.Schedule(cpu, cpu and threads == 1, config.performance.serial_below)
+        serial_below = config.performance.serial_below // (4 if config.dimension == 3 else 1)
+        schedule = backend.Schedule(cpu, cpu and threads == 1, serial_below)
         self.model = model = Model(config, self.scene, real, schedule)
         self.disc, self.state, self.rows, self.ledger = model.disc, model.state, model.rows, model.ledger
         self.activity, self.surface, self.flow_step = model.activity, model.surface, model.flow_step

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import direct, handed_out, ti
 from taichi_slm.physics import continuity as continuity_terms
 from taichi_slm.physics.equation_of_state import pressure_of
 from taichi_slm.physics.pressure import wall_pressure
@@ -97,7 +97,7 @@ class FlowPasses:
         clamps, shows_velocity = ledger.clamps, state.needs.shown_velocity
         shown = wall_velocity(disc.numerics.walls == "no_slip")
 
-        @direct
+        @handed_out
         @ti.kernel
         def walls(flow: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -216,7 +216,7 @@ class FlowPasses:
         clamps = ledger.clamps
         moment, balanced = disc.gradient_moment, state.needs.balanced
 
-        @direct
+        @handed_out
         @ti.kernel
         def continuity(mobile: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)

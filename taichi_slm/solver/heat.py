@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import direct, handed_out, ti
 from taichi_slm.physics.conduction import pair_conduction
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.material import MaterialTables
@@ -130,7 +130,7 @@ class HeatPasses:
         emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
         viscous = state.needs.viscous_heating
 
-        @direct
+        @handed_out
         @ti.kernel
         def rates(hot: ti.i32, lit: ti.i32, per_step: ti.f64, alone: ti.template()):
             ti.loop_config(serialize=alone)

@@ -12,7 +12,7 @@ for the mobile ones alone is multiplied by 0 or 1. A branch there makes the pass
 
 from typing import Any
 
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import handed_out, ti
 from taichi_slm.physics.pressure import pair_pressure
 from taichi_slm.physics.shifting import displacement, shear_rate_of
 from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight
@@ -31,7 +31,7 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
     shown = state.shown_velocity if needs.shown_velocity else state.velocity
     put_in_order = _shifter(state, disc) if needs.shifting else None
 
-    @direct
+    @handed_out
     @ti.kernel
     def momentum(mobile: ti.i32, dt: disc.real, alone: ti.template()):
         ti.loop_config(serialize=alone)

@@ -6,7 +6,7 @@ visited: a particle farther inside than the reach of its kernel has no colour gr
 
 from typing import Any
 
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import direct, handed_out, ti
 from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.evaporation import vapour
 from taichi_slm.physics.marangoni import missing_stress, renormalised_gradient, tangential_force
@@ -84,7 +84,7 @@ class SurfacePasses:
     def _compile_colour(self, state: State, rows: Neighbours, pair: Any, store: Any) -> Any:
         near_surface, lists = self._near_surface, _both_lists(rows)
 
-        @direct
+        @handed_out
         @ti.kernel
         def colour(count: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)
@@ -139,7 +139,7 @@ class SurfacePasses:
         weight_of = surface_weight(disc.h_surface, numerics.normal_cut)
         clamps, near_surface = ledger.clamps, self._near_surface
 
-        @direct
+        @handed_out
         @ti.kernel
         def forces(count: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)

@@ -6,7 +6,7 @@ surface_area       surface per volume that radiates and evaporates
 
 from typing import Any
 
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import handed_out, ti
 from taichi_slm.physics.conduction import own_factor, side_asymmetry
 from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.radiation import area_density
@@ -28,7 +28,7 @@ class Surroundings:
         expands = disc.numerics.solid_density == "true"  # the volumes of still particles change, too
         self._has_work = own or losses
 
-        @direct
+        @handed_out
         @ti.kernel
         def look(hot: ti.i32, alone: ti.template()):
             ti.loop_config(serialize=alone)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import LIST_ROOM, LIST_SPARE, Blocks, Schedule, direct, ti
+from taichi_slm.backend import LIST_ROOM, LIST_SPARE, Blocks, Schedule, direct, handed_out, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, REMOVED, STILL, State
 
@@ -265,7 +265,7 @@ class Neighbours:
             self.near_count[a] = ti.min(n, near_capacity)
             self.far_count[a] = ti.min(m, far_capacity)
 
-        @direct
+        @handed_out
         @ti.kernel
         def search(count: ti.i32, now: ti.i32, alone: ti.template()):
             overflow[None] = -1
