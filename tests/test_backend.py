@@ -1,10 +1,13 @@
 """The launch of kernels: what `direct` saves must not change what a kernel does."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from taichi_slm import backend
-from taichi_slm.backend import direct, ti
+from taichi_slm.backend import direct, handed_out, ti
 from taichi_slm.benchmark.drops import started
 from taichi_slm.benchmark.measure import in_its_own_process
 from taichi_slm.benchmark.scenes import track
@@ -54,6 +57,64 @@ def test_only_the_first_launch_of_a_variant_is_taichis_own(monkeypatch):
     for twice in (False, True, False, True, False):
         add(1, 1.0, twice, np.zeros(1))
     assert len(launches) == 2
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_rows_that_are_handed_out_are_visited_once_each(alone):
+    """However many there are, by two threads; and kernels that are compiled later are as they were."""
+    backend.start(threads=2)
+    visits = ti.field(ti.i32, shape=5000)
+
+    @handed_out
+    @ti.kernel
+    def visit(count: ti.i32, serial: ti.template()):
+        ti.loop_config(serialize=serial)
+        for row in range(count):
+            visits[row] += 1
+
+    options = ti.lang.impl.current_cfg()
+    before = options.make_cpu_multithreading_loop, options.random_seed
+    expected = np.zeros(5000, int)
+    for count in (0, 1, 7, 600, 5000, 600):
+        visit(count, alone)
+        expected[:count] += 1
+        assert (visits.to_numpy() == expected).all()
+    assert (options.make_cpu_multithreading_loop, options.random_seed) == before
+
+
+TASKS = Path("/proc/self/task")
+
+
+@pytest.mark.skipif(not (TASKS / str(os.getpid()) / "schedstat").is_file(), reason="no times of threads")
+def test_a_handed_out_loop_does_not_wait_for_one_thread():
+    """All the work is in the first half of the rows: two threads share it, where Taichi gives it to one."""
+
+    def on_processor():
+        return {each.name: int((each / "schedstat").read_text().split()[0]) for each in TASKS.iterdir()}
+
+    def share_of_the_second(decorated):
+        backend.start(threads=2)
+        field = ti.field(ti.f64, shape=2048)
+
+        @decorated
+        @ti.kernel
+        def uneven(turns: ti.i32):
+            for row in range(2048):
+                total = 0.0
+                for turn in range(turns if row < 1024 else 1):
+                    total += ti.sqrt(field[row] + turn)
+                field[row] = 1e-9 * total
+
+        uneven(1)
+        before = on_processor()
+        uneven(100_000)  # in one launch: the next one's first half may be the other thread's
+        spent = sorted(time - before.get(name, 0) for name, time in on_processor().items())
+        return spent[-2] / spent[-1]
+
+    # of the time of the busiest: nothing for the other half, and next to all where it is shared; under load one of
+    # them may take what there is until the other is let in
+    assert share_of_the_second(direct) < 0.1
+    assert max(share_of_the_second(handed_out) for _ in range(3)) > 0.3
 
 
 def test_a_kernel_that_does_not_compile_says_where():
