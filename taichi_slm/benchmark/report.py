@@ -88,7 +88,9 @@ def write_page(report: dict[str, Any], page: Path) -> None:
     """Write ``page`` (Markdown) from the content of bench.json, its plots into images/performance/ beside it."""
     head = [
         "# Performance", "",
-        "This page is written by `taichi-slm bench --page docs/performance.md`; do not edit it.", "",
+        "This page is written by `taichi-slm bench --out docs/bench --page docs/performance.md`; do not edit it. "
+        "With the name of a subject that one is measured anew; what the others found stands in docs/bench/bench.json, "
+        "and each says its commit and its machine.", "",
         "Every number was measured. Those of one table come from one run on one machine; what is compared was measured "
         "in turn, and ratios are medians over the turns. Seconds drift with the machine, ratios do not.", "",
     ]  # fmt: skip
