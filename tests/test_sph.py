@@ -21,12 +21,28 @@ from taichi_slm.sph.lattice import (
     viscous_moment,
     viscous_moments,
 )
+from taichi_slm.sph.symmetric import symmetric
 from taichi_slm.state import MOBILE, REMOVED, STILL
 
 UM = 1e-6
 STEEL_BOX = {"shape": "box", "corner": [0, 0], "size": [60 * UM, 60 * UM]}
 
 # --------------------------------------------------------------------------- kernel
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_upper_triangle_makes_the_whole_matrix(dimension):
+    backend.start()
+    products, matrix = symmetric(dimension)
+    row = ti.Vector([3.0, -5.0, 7.0][:dimension])
+    found = ti.Matrix.field(dimension, dimension, ti.f64, shape=())
+
+    @ti.kernel
+    def form():
+        found[None] = matrix(products(row))
+
+    form()
+    assert (found[None].to_numpy() == np.outer(row, row)).all()
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,8 @@ class _Exported:
         assert numerics.pressure_form == "sum" and numerics.viscosity_form == "isotropic"
         assert (PACKING_BRACKET, LARGEST, AT_SURFACE) == (0.1, 0.1, 0.5), "peer.cpp has these numbers"
         assert numerics.curvature == "restricted" and numerics.curvature_clip == "two_sided"
+        assert numerics.depth_correction and numerics.temperature_gradient == "renormalised"
+        assert numerics.surface_times_liquid
 
     def _constants(self, dt: float) -> dict[str, float]:
         disc, numerics = self._sim.disc, self._sim.config.numerics

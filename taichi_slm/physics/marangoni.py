@@ -29,7 +29,7 @@ def tangential_force() -> Any:
 
 
 def missing_stress(slope_of_flow: Any, weight: Any) -> Any:
-    """The Taichi function (V_b, n^, r_ab) -> the matrix whose sum over b makes a force of a surface stress [N/m^(d-1)].
+    """The Taichi function (V_b, n^, r_ab) -> what r_ab r_ab^T is times in the matrix that makes a force of a stress.
 
     A liquid under the stress tau at its surface has the shear tau/mu below it. The viscous sum of a particle near the
     surface lacks the pairs outside; what they would have given for that shear is the force that the stress exerts:
@@ -41,11 +41,11 @@ def missing_stress(slope_of_flow: Any, weight: Any) -> Any:
     """
 
     @ti.func
-    def matrix(V, normal, r):
+    def factor(V, normal, r):
         r2 = r.norm_sqr()
-        return V * slope_of_flow(r2) * weight(r2) * normal.dot(r) * r.outer_product(r)
+        return V * slope_of_flow(r2) * weight(r2) * normal.dot(r)
 
-    return matrix
+    return factor
 
 
 def renormalised_gradient(dimension: int) -> Any:

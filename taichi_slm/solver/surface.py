@@ -16,6 +16,7 @@ from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import CURVATURE_CLIPS, SINGULAR_GRADIENTS, Ledger
 from taichi_slm.sph.cells import Cells
 from taichi_slm.sph.neighbours import Neighbours
+from taichi_slm.sph.symmetric import symmetric
 from taichi_slm.state import MOBILE, State
 
 INSIDE = 0.02  # below this share of a flat surface's h_s |grad c| a row is inside: no normal for many steps
@@ -235,6 +236,7 @@ def _neighbourhood(state: State, rows: Neighbours, disc: Discretisation) -> Any:
         disc.flow_kernel.functions()[1], viscous_weight(disc.flow_kernel, form, corrected, disc.dx)
     )
     by_missing_stress = state.needs.balanced and disc.physics.marangoni
+    products, matrix = symmetric(disc.dimension)
 
     @ti.func
     def sums(a):
@@ -243,7 +245,7 @@ def _neighbourhood(state: State, rows: Neighbours, disc: Discretisation) -> Any:
         weight = state.volume[a] * at_zero
         gamma = weight
         differences = x * 0.0
-        moment = differences.outer_product(differences)
+        moment = products(differences)
         missing = moment
         for length, items, near in ti.static(lists):
             for j in range(length[a]):
@@ -259,10 +261,10 @@ def _neighbourhood(state: State, rows: Neighbours, disc: Discretisation) -> Any:
                 weight += has * state.volume[b] * W(r2)
                 gamma += state.volume[b] * W(r2)
                 differences += slope * (state.temperature[b] - T) * r
-                moment -= slope * r.outer_product(r)
+                moment -= slope * products(r)
                 if ti.static(near and by_missing_stress):
-                    missing += missing_of(state.volume[b], normal, r)
-        return divergence, weight, gamma, differences, moment, missing
+                    missing += missing_of(state.volume[b], normal, r) * products(r)
+        return divergence, weight, gamma, differences, matrix(moment), matrix(missing)
 
     return sums
 

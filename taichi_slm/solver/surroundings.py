@@ -12,6 +12,7 @@ from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.radiation import area_density
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.sph.neighbours import FOUND, SETTLED, Neighbours
+from taichi_slm.sph.symmetric import symmetric
 from taichi_slm.state import State
 
 
@@ -54,13 +55,14 @@ def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> 
     """The Taichi function a -> factor of its conduction from the moments of its own neighbours."""
     _, F = disc.flow_kernel.functions()
     factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
+    products, matrix = symmetric(disc.dimension)
 
     @ti.func
     def of(a):
         x = state.position[a]
         first = x * 0.0
         length = x[0] * 0.0
-        moment = first.outer_product(first)
+        moment = products(first)
         for j in range(rows.near_count[a]):
             b = rows.near[a, j]
             r = x - state.position[b]
@@ -68,8 +70,8 @@ def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> 
             weight = -state.volume[b] * F(r2)
             first += weight * r
             length += weight * ti.sqrt(r2)
-            moment += weight * r.outer_product(r)
-        return factor(moment, first, length)
+            moment += weight * products(r)
+        return factor(matrix(moment), first, length)
 
     return of
 
