@@ -13,6 +13,9 @@ FINE = (
 )
 DISC_EDGES = ((FINE, 8), (20.0, 16), (np.inf, 32))  # (up to this many pixels a particle, corners of a disc)
 LOOSE, ON_LATTICE = 0.74, 0.52  # half a side of the square behind a particle [dx], was it molten or never
+# The square of one at a surface: half a side, and how far it lies towards the metal [dx]. Out of the disc it
+# nowhere comes on the outer side: the corners that lie there are within 0.5 dx of its middle.
+EDGE, INWARDS = 0.5, 0.5
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 BACKING_SHADE = 0.9
 ARROW_CELL, ARROW_LENGTH = 26, 60  # one velocity arrow in a square of this side, the longest one [px]
@@ -36,9 +39,9 @@ class Particles:
 
     Discs of the true size leave star-shaped gaps inside the metal, which at a few pixels a particle look like
     a pattern. A square, a little darker, lies behind every particle that has metal on all sides, and fills them;
-    at the surface there is none, so that the outline is that of the true discs. (A square, since software draws at
-    the pace of its triangles: two instead of the six of a disc.) Where particles are a few pixels wide the square is
-    all that is drawn of those amid such: a fifth of the triangles, and no pattern.
+    at the surface it lies on the side of the metal, so that the outline is that of the true discs. (A square, since
+    software draws at the pace of its triangles: two instead of the six of a disc.) Where particles are a few pixels
+    wide the square is all that is drawn of those amid such: a fifth of the triangles, and no pattern.
     """
 
     def __init__(self, snapshot: Snapshot, pixels: float) -> None:
@@ -52,7 +55,8 @@ class Particles:
             amid = inside & neighbours.all_are(inside)
             lattice = inside & (snapshot.arrays["ever_liquid"] == 0)
             tight = lattice & neighbours.all_are(lattice)
-            self.backed = np.flatnonzero(inside)
+            towards = neighbours.direction(position)
+            self.backed = np.flatnonzero(inside | towards.any(axis=1))
             corners = next(number for most, number in DISC_EDGES if pixels <= most)
             angle = 2.0 * np.pi * np.arange(corners) / corners
             circle = dx * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -60,8 +64,9 @@ class Particles:
             self.discs = np.flatnonzero(~(amid & fine))
             self.shade = 1.0 if fine else BACKING_SHADE
             self.mesh = polygons(position[self.discs], circle / np.sqrt(np.pi), 0.0)
-            half = np.where(tight, ON_LATTICE, LOOSE)[self.backed, None, None]
-            self.backing = polygons(position[self.backed], half * dx * SQUARE, -0.1 * dx)
+            half = np.where(inside, np.where(tight, ON_LATTICE, LOOSE), EDGE)[self.backed, None, None]
+            middle = position + np.where(inside, 0.0, INWARDS * dx)[:, None] * towards
+            self.backing = polygons(middle[self.backed], half * dx * SQUARE, -0.1 * dx)
         else:
             half = np.flatnonzero(position[:, 1] >= 0.0)  # cut open along the track
             still = snapshot.arrays["ever_liquid"][half] == 0  # a melt is too loose to hide what is behind
@@ -177,6 +182,15 @@ class Neighbours:
     """Pairs of particles within `REACH`, shape [pairs, 2], each pair once."""
 
     pairs: np.ndarray
+
+    def direction(self, position: np.ndarray) -> np.ndarray:
+        """Unit vectors to the middle of a particle's neighbours, zero without any, shape of ``position``."""
+        a, b = self.pairs.T
+        apart = position[b] - position[a]
+        total = np.stack([np.bincount(a, each, len(position)) - np.bincount(b, each, len(position))
+                          for each in apart.T], axis=1)  # fmt: skip
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.divide(total, length, out=np.zeros_like(total), where=length > 0.0)
 
     def all_are(self, marked: np.ndarray) -> np.ndarray:
         """Whether all neighbours of a particle are ``marked``, both of shape [n]."""
