@@ -15,6 +15,7 @@ from rich.console import Console
 
 from taichi_slm.config.schema import Config
 from taichi_slm.run import driver
+from taichi_slm.run.pictures import GL_PACKAGES
 
 UM = 1e-6
 TRACK: dict[str, Any] = {
@@ -132,4 +133,4 @@ def gl() -> None:
     """Pictures can be made here; a test that asks for this is skipped where they cannot."""
     probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, check=False)
     if probe.returncode != 0:
-        pytest.skip(f"no OpenGL library on this machine (apt install {driver.GL_PACKAGES})")
+        pytest.skip(f"no OpenGL library on this machine (apt install {GL_PACKAGES})")

@@ -1,5 +1,6 @@
 """A stand-in for the simulation: a comet of heat runs over a powder row, in closed form."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -231,10 +232,20 @@ def run(tmp_path: Path, console: Console, parsed: Config | None = None, name: st
     return driver.execute(loaded(parsed or short()), tmp_path / name, console=console)
 
 
+class NobodyDraws(contextlib.nullcontext):
+    """In place of `Draughtsmen`."""
+
+    def __init__(self, *_):
+        super().__init__(self)
+
+    def draw(self) -> str:
+        return ""
+
+
 def driven(out: Path, monkeypatch, **changes) -> Path:
     """A run of the comet in ``out``: six snapshots, no pictures yet."""
     monkeypatch.setattr(driver, "_build", lambda parsed, *_: FakeSimulation(parsed))
-    monkeypatch.setattr(driver, "render", lambda *_: "")
+    monkeypatch.setattr(driver, "Draughtsmen", NobodyDraws)
     output = {"images_at_most": 3, "history_interval": 1e-5, "snapshot_interval": 2e-5}
     parsed = config(spacing=10e-6, end=1e-4, output=output, **changes)
     with open(out / "said.txt", "w") as file:

@@ -8,7 +8,7 @@ import sys
 import fake_run
 import numpy as np
 import pytest
-from fake_run import FakeSimulation
+from fake_run import FakeSimulation, NobodyDraws
 from rich.console import Console
 
 from taichi_slm.analysis.analyse import examine
@@ -46,7 +46,7 @@ def comet(tmp_path_factory):
 def make(place, **changes):
     with pytest.MonkeyPatch.context() as patch, open(place / "said.txt", "w") as file:
         patch.setattr(driver, "_build", lambda config, *_: FakeSimulation(config))
-        patch.setattr(driver, "render", lambda *_: "")
+        patch.setattr(driver, "Draughtsmen", NobodyDraws)
         output = {"history_interval": 1e-5, "snapshot_interval": 2e-5}
         parsed = fake_run.config(spacing=10e-6, end=1e-4, output=output, **changes)
         return driver.execute(fake_run.loaded(parsed), place / "run", console=Console(file=file))

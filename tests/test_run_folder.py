@@ -20,6 +20,7 @@ from taichi_slm.output.numbers import quantity
 from taichi_slm.output.snapshots import read_series, read_snapshot
 from taichi_slm.run import driver
 from taichi_slm.run.checkpoint import Slots, find_latest, latest_good
+from taichi_slm.run.pictures import Draughtsmen
 from taichi_slm.run.progress import clock
 from taichi_slm.run.run_folder import RunFolder
 from taichi_slm.run.schedule import Every, earliest
@@ -283,13 +284,35 @@ def test_kill_at_any_moment_leaves_a_good_checkpoint(tmp_path):
 
 
 def test_missing_gl_names_the_package(tmp_path, monkeypatch):
-    done = subprocess.CompletedProcess(
-        [], -11, stdout="", stderr="libGL.so.1: cannot open shared object file\n"
-    )
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
-    line = driver.render(RunFolder(tmp_path), fake_run.config())
+    (tmp_path / "pyvista.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with Draughtsmen(RunFolder(tmp_path), fake_run.config()) as draughtsmen:
+        line = draughtsmen.draw()
     assert "libegl1" in line
     assert "libGL.so.1" in line
+
+
+def test_who_would_draw_ends_with_a_run_that_is_killed(tmp_path):
+    code = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "import fake_run\n"
+        "from taichi_slm.run.pictures import Draughtsmen\n"
+        "from taichi_slm.run.run_folder import RunFolder\n"
+        "with Draughtsmen(RunFolder(Path(sys.argv[1])), fake_run.config(), 2) as draughtsmen:\n"
+        "    print(*(each.pid for each in draughtsmen._processes), flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True,
+                          check=False, env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)})  # fmt: skip
+    left = [int(each) for each in done.stdout.split()]
+    assert len(left) == 2
+    deadline = time.monotonic() + 60  # they load for a second or two before they see that nobody is there
+    while left and time.monotonic() < deadline:
+        time.sleep(0.1)
+        left = [each for each in left if Path(f"/proc/{each}/cmdline").exists()
+                and b"taichi_slm.render" in Path(f"/proc/{each}/cmdline").read_bytes()]  # fmt: skip
+    assert not left
 
 
 def test_a_run_says_what_it_clipped_removed_or_lost():

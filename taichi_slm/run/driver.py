@@ -1,12 +1,9 @@
 """One run from config to closing lines: `execute` a new one, `resume` one that stopped."""
 
 import contextlib
-import os
 import shutil
-import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +23,7 @@ from taichi_slm.output.lock import alone
 from taichi_slm.output.numbers import quantity
 from taichi_slm.run.checkpoint import Checkpoint, examine, latest_good
 from taichi_slm.run.estimate import available_memory, memory_bytes, size_text
+from taichi_slm.run.pictures import Draughtsmen
 from taichi_slm.run.progress import Progress, clock
 from taichi_slm.run.recorder import Recorder
 from taichi_slm.run.run_folder import (
@@ -40,9 +38,7 @@ from taichi_slm.run.summary import closing_lines, summarise
 if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
-RENDER_SECONDS = 1800
 MEMORY_MARGIN = 1.15  # the peaks of the shipped scenes are 3 to 12 % above what is estimated
-GL_PACKAGES = "libgl1 libegl1"
 
 
 def execute(
@@ -58,7 +54,7 @@ def execute(
     console = console or Console()
     _room(loaded.config)
     folder = RunFolder.create(loaded, out)
-    with alone(folder.path):
+    with alone(folder.path), Draughtsmen(folder, loaded.config, threads) as draughtsmen:
         with StopRequests(folder) as requests:
             _say(console, f"run {folder.path}")
             try:
@@ -77,7 +73,7 @@ def execute(
             )
             write_json(folder.provenance, facts)
             recorder = _march(sim, folder, console, began, None, requests)
-        return _conclude(recorder, console, threads)
+        return _conclude(recorder, console, draughtsmen)
 
 
 def resume(path: Path, threads: int | None = None, console: Console | None = None) -> Path:
@@ -97,19 +93,20 @@ def resume(path: Path, threads: int | None = None, console: Console | None = Non
         if damaged:
             checkpoint = checkpoint or latest_good(folder.checkpoints)
         config = folder.resolved_config(facts)
-        with StopRequests(folder) as requests:
-            sim = _build(config, facts.get("arch", "cpu"), facts.get("precision", "f64"), threads)
-            if facts.get("git") != source_hash():
-                _say(console, f"note: the run was begun by {facts.get('git')}, this is {source_hash()}")
-            step, moment = (checkpoint.step, checkpoint.meta["time_s"]) if checkpoint else (0, 0.0)
-            facts.setdefault("resumed", []).append(
-                {"step": step, "git": source_hash(), "version": package_version(), "argv": sys.argv}
-            )
-            write_json(folder.provenance, facts)
-            folder.stop.unlink(missing_ok=True)
-            _say(console, f"resume {path} from step {step:,}, {quantity(moment, 's')}")
-            recorder = _march(sim, folder, console, began, checkpoint, requests)
-        return _conclude(recorder, console, threads)
+        with Draughtsmen(folder, config, threads) as draughtsmen:
+            with StopRequests(folder) as requests:
+                sim = _build(config, facts.get("arch", "cpu"), facts.get("precision", "f64"), threads)
+                if facts.get("git") != source_hash():
+                    _say(console, f"note: the run was begun by {facts.get('git')}, this is {source_hash()}")
+                step, moment = (checkpoint.step, checkpoint.meta["time_s"]) if checkpoint else (0, 0.0)
+                facts.setdefault("resumed", []).append(
+                    {"step": step, "git": source_hash(), "version": package_version(), "argv": sys.argv}
+                )
+                write_json(folder.provenance, facts)
+                folder.stop.unlink(missing_ok=True)
+                _say(console, f"resume {path} from step {step:,}, {quantity(moment, 's')}")
+                recorder = _march(sim, folder, console, began, checkpoint, requests)
+            return _conclude(recorder, console, draughtsmen)
 
 
 def _room(config: Config) -> None:
@@ -172,15 +169,15 @@ def _restore(sim: "Simulation", resumed: Checkpoint) -> None:
         ) from error
 
 
-def _conclude(recorder: Recorder, console: Console, threads: int | None) -> Path:
+def _conclude(recorder: Recorder, console: Console, draughtsmen: Draughtsmen) -> Path:
     """Summary, closing lines, pictures."""
-    folder, sim = recorder.folder, recorder.sim
+    folder = recorder.folder
     summary = summarise(recorder, "done")
     write_json(folder.summary, summary)
     recorder.write_status("done")
     for line in closing_lines(recorder, summary):
         _say(console, line)
-    _say(console, render(folder, sim.config, threads))
+    _say(console, draughtsmen.draw())
     _say(console, f"next       paraview {folder.series}    or    taichi-slm render {folder.path}")
     return folder.path
 
@@ -220,37 +217,6 @@ def _leave(recorder: Recorder, error: Exception) -> None:
         recorder.write_crash()
     if isinstance(error, SlmError):
         write_json(recorder.folder.summary, summarise(recorder, state))
-
-
-def render(folder: RunFolder, config: Config, threads: int | None = None) -> str:
-    """Make the pictures in processes of their own, so that a missing GL never takes a run with it.
-
-    One process draws on one core: there are as many as ``threads`` (None: as many as cores). Returns the line to print.
-    """
-    if not config.output.images or config.output.images_at_most == 0:
-        return "pictures   none asked for"
-    began = time.perf_counter()
-    shares = min(threads or os.cpu_count() or 1, config.output.images_at_most)
-
-    def draw(share: int) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "taichi_slm.render", str(folder.path), str(share), str(shares)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=RENDER_SECONDS, check=False)
-
-    try:
-        with ThreadPoolExecutor(shares) as pool:
-            everyone = list(pool.map(draw, range(shares)))
-    except (OSError, subprocess.SubprocessError) as error:
-        return f"pictures   none: {error}"
-    done = max(everyone, key=lambda process: abs(process.returncode))  # one that failed, if there is one
-    if done.returncode == 0:
-        count = len(list(folder.renders.glob("*.png")))
-        return f"pictures   {count} in {folder.renders} ({time.perf_counter() - began:.0f} s)"
-    said = (done.stderr or done.stdout).strip().splitlines()
-    reason = said[-1] if said else f"code {done.returncode}"
-    return (
-        f"pictures   none: rendering failed ({reason}). On a machine without OpenGL install it "
-        f"(Debian: apt install {GL_PACKAGES}), then: taichi-slm render {folder.path}"
-    )
 
 
 def _say(console: Console, text: str) -> None:
