@@ -194,6 +194,19 @@ def test_particles_at_random_places_keep_the_power(configure, bin_size):
         assert np.array_equal(look(sim, (63.3 * UM,), incident), power)
 
 
+def test_what_rises_and_sinks_leaves_no_light_behind(configure):
+    """Only the bins up to the highest particle are emptied: what spatter leaves above must not shade those below."""
+    sim = Simulation(lit_scene(configure, 2, True))
+    place, incident, centre = sim.position, 1e6, (80 * UM,)
+    powder = place[:, 1] > 0
+    for lift in (0.0, 12.3, 0.0, 20.0, 31.0, 5.0, -9.0, 0.0):
+        sim.state.load(position=place + np.stack([0 * powder, lift * UM * powder], axis=1))
+        power = look(sim, centre, incident)
+        host, passed = on_host(sim, sim.bins.laser, centre, incident)
+        assert power.sum() + passed == pytest.approx(incident, rel=1e-12)
+        assert power == pytest.approx(host, abs=1e-10 * host.max())  # weights are integers of 2^-40 of a bin
+
+
 # --------------------------------------------------------------------------- energy over time
 
 

@@ -8,7 +8,7 @@ Equation   I(r) = A P f/(pi w^2) exp(-f r^2/w^2), f = 2: w is the 1/e^2 radius  
 Source     Russell, Souto-Iglesias, Zohdi 2018, Appendix A (there without the bin size, and with alpha I for the
            difference of intensities, which does not conserve the power)
 Reads      position, volume      Writes  laser [W]
-Skipped    columns of bins that the beam does not reach; while the beam is off
+Skipped    columns of bins that the beam does not reach, bins above the highest particle; while the beam is off
 Checked    absorbed + passed through = A P to round-off; slab: A I0 (1 - exp(-alpha L))
 
 w V is rounded to a 64-bit integer before it is summed, so the sum does not depend on the order of the particles,
@@ -108,12 +108,13 @@ class LaserBins:
         self.columns = tuple(n if whole else min(n, 2 * half + 1) for n in self.nodes[: d - 1])
         self.half = half
         self.floor = ti.field(ti.f64, shape=())  # lowest lit node [m]
+        highest = ti.field(ti.i32, shape=())  # level; the bins above it are empty
         # by level, then column of the window: however deep the plate, what is lit lies together
         bins = (self.nodes[-1], *self.columns)
         weight = ti.field(ti.i64, shape=bins)
         power = ti.field(ti.f64, shape=bins)  # [W] per unit of integer weight
         origin = ti.Vector([float(x) for x in lower], dt=ti.f64)
-        inverse, levels = 1.0 / size, self.nodes[-1]
+        inverse = 1.0 / size
         full = UNIT / size**d
         attenuation = size / depth
         floor = self.floor
@@ -174,9 +175,10 @@ class LaserBins:
             floor[None] = 1e30
             ti.loop_config(serialize=alone)
             for column in ti.grouped(ti.ndrange(*self.columns)):
-                for level in range(lowest, levels):
+                for level in range(lowest, highest[None] + 1):
                     weight[bin_at(level, column)] = 0
                     power[bin_at(level, column)] = 0.0
+            highest[None] = ti.min(highest[None], lowest - 1)
             ti.loop_config(serialize=alone)
             for k in range(hot):
                 a = rows.hot_rows[k]
@@ -184,6 +186,8 @@ class LaserBins:
                     place = place_of(a)
                     base = ti.cast(ti.floor(place), ti.i32)
                     if in_window(base, first):
+                        if base[d - 1] + 1 > highest[None]:
+                            ti.atomic_max(highest[None], base[d - 1] + 1)
                         for corner in ti.static(corners):
                             node = base + corner
                             ti.atomic_add(weight[bin_of(node, first)], share_of(a, node, place))
@@ -201,8 +205,8 @@ class LaserBins:
             for column in ti.grouped(ti.ndrange(*self.columns)):
                 arriving = incident * fraction[column]
                 left = ti.cast(1.0, ti.f64)
-                for down in range(levels - lowest):
-                    level = levels - 1 - down
+                for down in range(highest[None] - lowest + 1):
+                    level = highest[None] - down
                     filled = weight[bin_at(level, column)]
                     if filled > 0 and left > 1e-14:
                         filling = ti.min(ti.cast(1.0, ti.f64), ti.cast(filled, ti.f64) / UNIT)
