@@ -99,7 +99,7 @@ class State:
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
             self.wall_force = vector("wall_force", of=moving)  # [N] from walls on a mobile particle; momentum
         if needs.shown_velocity:
-            # [m/s] that viscosity sees: a mobile particle's own, a still one's by what walls ask for; walls
+            # [m/s] that viscosity sees: a mobile particle's own, a still one's by what walls ask for; move, walls
             self.shown_velocity = vector("shown_velocity")
         if needs.printed_leapfrog:
             self.acceleration_before = vector("acceleration_before", of=moving)  # [m/s^2]; kick

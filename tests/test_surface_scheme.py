@@ -154,6 +154,7 @@ def test_a_linear_profile_ends_at_the_face_of_a_wall(square, walls):
     x, y = sim.position.T
     shear = 50.0
     sim.state.load(velocity=np.where(liquid_ones, shear * y, 0.0)[:, None] * [1.0, 0.0])
+    sim.flow_step.flow.advance(0.0, 0.0)
     sim.flow_step.flow.walls()
     sim.state.load(pressure=np.zeros(len(x)))
     sim.flow_step.flow.momentum(0.0)

@@ -114,7 +114,7 @@ class Twin:
 def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
     """The passes of a 2-D drop without walls, radiation and viscous heating; ``dt`` [s] of the momentum pass."""
     flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
-    flow.walls()  # everybody shows the velocity that momentum reads
+    flow.advance(0.0, 0.0)  # everybody shows the velocity that momentum reads
     exported = _Exported(sim, precision)
     exported.check_forms()
     launches: dict[str, Callable[[float], None]] = {

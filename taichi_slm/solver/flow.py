@@ -34,7 +34,7 @@ class FlowPasses:
 
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger):
         self.moved = self.fastest = 0.0
-        self._rows, self._schedule = rows, disc.schedule
+        self._rows, self._schedule, self._freezes = rows, disc.schedule, state.needs.heat
         self._advance = self._compile_advance(state, rows, disc)
         self._walls = self._compile_walls(state, rows, disc, ledger)
         self._momentum = compile_momentum(state, rows, disc)
@@ -42,13 +42,15 @@ class FlowPasses:
         self._continuity = self._compile_continuity(state, rows, disc, ledger)
 
     def advance(self, drift: float, density: float) -> None:
-        """Move positions by ``drift`` and densities by ``density`` [s] with their rates; then p by (9)."""
+        """Positions by ``drift``, densities by ``density`` [s] with their rates; then p by (9), and what velocity is shown."""
         mobile = self._rows.mobile
         self._advance(mobile, drift, density, self._schedule.plain(mobile))
 
     def walls(self) -> None:
-        """Extrapolate the liquid's pressure and velocity to the still particles beside it; and show its own."""
+        """Extrapolate the liquid's pressure and velocity to the still particles beside it."""
         mobile, flow = self._rows.mobile, self._rows.flow
+        if flow == mobile > 0 and not self._freezes:
+            return  # nobody is still
         self._walls(flow, self._schedule.alone(flow - mobile + mobile // 10))  # the mobile rows are plain
 
     def momentum(self, dt: float) -> None:
@@ -67,7 +69,7 @@ class FlowPasses:
 
     def _compile_advance(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
         pressure = pressure_of(disc.numerics.sound_speed)
-        balanced = state.needs.balanced
+        balanced, shows_velocity = state.needs.balanced, state.needs.shown_velocity
 
         @direct
         @ti.kernel
@@ -77,6 +79,8 @@ class FlowPasses:
                 a = rows.rows[k]
                 if state.mobility[a] == MOBILE:
                     state.position[a] = state.position[a] + drift * state.velocity[a]
+                    if ti.static(shows_velocity):
+                        state.shown_velocity[a] = state.velocity[a]
                     rho = state.density[a] + density * state.density_rate[a]
                     state.density[a] = rho
                     state.volume[a] = state.mass[a] / rho
@@ -103,10 +107,9 @@ class FlowPasses:
             ti.loop_config(serialize=alone)
             for k in range(flow):
                 a = rows.rows[k]
-                if state.mobility[a] == MOBILE:
-                    if ti.static(shows_velocity):
-                        state.shown_velocity[a] = state.velocity[a]
-                else:
+                if (
+                    state.mobility[a] != MOBILE
+                ):  # among the mobile rows there are those that have frozen since
                     x = state.position[a]
                     total = x[0] * 0.0
                     weight = x[0] * 0.0
