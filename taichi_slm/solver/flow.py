@@ -42,7 +42,7 @@ class FlowPasses:
         self._continuity = self._compile_continuity(state, rows, disc, ledger)
 
     def advance(self, drift: float, density: float) -> None:
-        """Positions by ``drift``, densities by ``density`` [s] with their rates; then p by (9), and what velocity is shown."""
+        """Positions by ``drift``, densities by ``density`` [s] with their rates; then p by (9); velocities shown."""
         mobile = self._rows.mobile
         self._advance(mobile, drift, density, self._schedule.plain(mobile))
 
