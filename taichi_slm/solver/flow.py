@@ -107,9 +107,8 @@ class FlowPasses:
             ti.loop_config(serialize=alone)
             for k in range(flow):
                 a = rows.rows[k]
-                if (
-                    state.mobility[a] != MOBILE
-                ):  # among the mobile rows there are those that have frozen since
+                # among the mobile rows there are those that have frozen since
+                if state.mobility[a] != MOBILE:
                     x = state.position[a]
                     total = x[0] * 0.0
                     weight = x[0] * 0.0
