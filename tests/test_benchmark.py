@@ -15,7 +15,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from taichi_slm.benchmark import accuracy, bench, peer, reach, skips, speed
-from taichi_slm.benchmark.goals import GOALS, asked_and_reached
+from taichi_slm.benchmark.goals import GOALS, TOGETHER, UNFUSED, asked_and_reached
 from taichi_slm.benchmark.measure import a_core_each, in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.paper import NO_SKIPS, PAPER_FORMS, PAPER_STEPS
 from taichi_slm.benchmark.passes import Pass, Watch
@@ -63,12 +63,14 @@ def test_every_switch_of_performance_is_in_the_ablation():
     ("precision", "limit"), [("f64", 1e-12), pytest.param("f32", 1e-4, marks=pytest.mark.slow)]
 )
 def test_cpp_computes_the_same_numbers(precision, limit):
-    *found, _ = speed.beside_cpp(precision, quick=True)["rows"]
+    *found, together, unfused = speed.beside_cpp(precision, quick=True)["rows"]
     assert [row["pass"] for row in found] == ["momentum", "continuity", "colour", "forces", "conduction"]
     for row in found:
         assert row["largest difference"] < limit, row
         assert row["over c++"] > 0
         assert 10 < row["neighbours"] < 40
+    assert 0.0 < unfused["largest difference"] < limit  # sums of their own: none of them is the fused one's
+    assert unfused["c++, ns per row"] > together["c++, ns per row"]  # nine loops for the sums of five
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
@@ -81,7 +83,8 @@ def test_all_passes_together_take_the_sum_of_their_times(monkeypatch):
         return {"kernel": [took, 2 * took], "c++": [1e-3, 2e-3], "limit": [1e-4, 2e-4]}
 
     monkeypatch.setattr(speed, "in_turn", in_turn)
-    *found, together = speed.beside_cpp("f64", quick=True)["rows"]
+    monkeypatch.setattr(speed, "_beside_unfused", lambda *_: {})
+    *found, together, _ = speed.beside_cpp("f64", quick=True)["rows"]
     assert [row["over c++"] for row in found] == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
     assert together["over c++"] == pytest.approx(3.0)
     assert together["ns per row"] == pytest.approx(3.0 * together["c++, ns per row"])
@@ -281,7 +284,8 @@ def test_a_goal_is_judged_by_the_worst_of_its_numbers():
     cpp = [
         {"compiler": "taichi", "precision": "f64", "pass": "momentum", "over c++": 1.5},
         {"compiler": "taichi", "precision": "f64", "pass": "colour", "over c++": 2.5},
-        {"compiler": "taichi", "precision": "f64", "pass": "all of them, once each", "over c++": 1.25},
+        {"compiler": "taichi", "precision": "f64", "pass": TOGETHER, "over c++": 3.5},
+        {"compiler": "taichi", "precision": "f64", "pass": UNFUSED, "over c++": 1.25},
         {"compiler": "taichi", "precision": "f32", "pass": "colour", "over c++": 9.0},
     ]
     peers = [

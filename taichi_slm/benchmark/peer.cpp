@@ -1,5 +1,7 @@
 // Passes of a 2-D step as plain loops over the same lists: what careful scalar C++ costs, without any trick.
 // REAL is float or double. Compiled at run time by peer.py, which fills `Scene` with the simulation's own arrays.
+// A pass that sums several things from one state is a template of them: our passes have all at once, `unfused` has a
+// loop over the neighbours for each.
 
 #include <algorithm>
 #include <cmath>
@@ -55,8 +57,9 @@ static inline real of_a_flat_surface(const Scene &s, const real *table, real str
     return table[knot] + (place - knot) * (table[knot + 1] - table[knot]);
 }
 
-extern "C" void momentum(const Scene *scene) {
-    const Scene &s = *scene;
+constexpr int FORCES = 1, ORDER = 2;  // pressure and viscosity; crowding and shear, for shift and surface force
+
+template <int SUMS> static void momentum_of(const Scene &s) {
     const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h), inverse_moment = 1 / s.moment;
     for (int k = 0; k < s.mobile; k++) {
         const int a = s.rows[k];
@@ -71,48 +74,58 @@ extern "C" void momentum(const Scene *scene) {
             const real ux = u - s.velocity[2 * b], uy = v - s.velocity[2 * b + 1];
             const real r2 = rx * rx + ry * ry;
             const real slope = s.volume[b] * F(r2, slope_factor, inverse_h);
-            const real mu_b = s.viscosity[b];
-            const real stress = 2 * mu_a * mu_b / (mu_a + mu_b + real(1e-30)) * (ux * rx + uy * ry) * s.viscous_scale
-                                / (r2 + s.softening);
             const real p = (p_a + s.pressure[b]) * inverse_moment;
-            fx += slope * (stress - p) * rx;
-            fy += slope * (stress - p) * ry;
-            cx += slope * rx;
-            cy += slope * ry;
-            px += slope * p * rx;
-            py += slope * p * ry;
-            const real moving = s.mobility[b] == 1 ? slope : real(0);
-            gxx -= moving * ux * rx;
-            gxy -= moving * ux * ry;
-            gyx -= moving * uy * rx;
-            gyy -= moving * uy * ry;
+            if constexpr (SUMS & FORCES) {
+                const real mu_b = s.viscosity[b];
+                const real stress = 2 * mu_a * mu_b / (mu_a + mu_b + real(1e-30)) * (ux * rx + uy * ry)
+                                    * s.viscous_scale / (r2 + s.softening);
+                fx += slope * (stress - p) * rx;
+                fy += slope * (stress - p) * ry;
+            }
+            if constexpr (SUMS & ORDER) {
+                cx += slope * rx;
+                cy += slope * ry;
+                px += slope * p * rx;
+                py += slope * p * ry;
+                const real moving = s.mobility[b] == 1 ? slope : real(0);
+                gxx -= moving * ux * rx;
+                gxy -= moving * ux * ry;
+                gyx -= moving * uy * rx;
+                gyy -= moving * uy * ry;
+            }
         }
-        const real behind = 2 * inverse_moment * s.background[a];
-        const real tx = s.tangential_force[2 * a] + behind * cx, ty = s.tangential_force[2 * a + 1] + behind * cy;
-        s.surface_force[2 * a] = tx;
-        s.surface_force[2 * a + 1] = ty;
-        s.acceleration[2 * a] = (fx + tx) / s.density[a];
-        s.acceleration[2 * a + 1] = (fy + ty) / s.density[a] - s.gravity;
-        const real off = real(0.5) * (gxy + gyx), mean = real(0.5) * (gxx + gyy);
-        const real rate = sqrt(2 * max(real(0), gxx * gxx + gyy * gyy + 2 * off * off - 2 * mean * mean));
-        real ax = cx, ay = cy;
-        const real nx = s.normal[2 * a], ny = s.normal[2 * a + 1];
-        if (nx * nx + ny * ny > real(0.5)) {
-            const real along = cx * nx + cy * ny;
-            ax = real(0.5) * (cx - along * nx);
-            ay = real(0.5) * (cy - along * ny);
+        if constexpr (SUMS & ORDER) {
+            const real behind = 2 * inverse_moment * s.background[a];
+            s.surface_force[2 * a] = s.tangential_force[2 * a] + behind * cx;
+            s.surface_force[2 * a + 1] = s.tangential_force[2 * a + 1] + behind * cy;
+            const real off = real(0.5) * (gxy + gyx), mean = real(0.5) * (gxx + gyy);
+            const real rate = sqrt(2 * max(real(0), gxx * gxx + gyy * gyy + 2 * off * off - 2 * mean * mean));
+            real ax = cx, ay = cy;
+            const real nx = s.normal[2 * a], ny = s.normal[2 * a + 1];
+            if (nx * nx + ny * ny > real(0.5)) {
+                const real along = cx * nx + cy * ny;
+                ax = real(0.5) * (cx - along * nx);
+                ay = real(0.5) * (cy - along * ny);
+            }
+            const real by = -min(s.shifting * s.h * s.h * rate * s.dt, real(0.1) * s.h * s.h);
+            s.shift[2 * a] = by * ax;
+            s.shift[2 * a + 1] = by * ay;
+            s.density_after[a] = s.density[a] + by * (ax * (px - 2 * inverse_moment * p_a * cx)
+                                                      + ay * (py - 2 * inverse_moment * p_a * cy))
+                                                    / (s.sound_speed * s.sound_speed);
         }
-        const real by = -min(s.shifting * s.h * s.h * rate * s.dt, real(0.1) * s.h * s.h);
-        s.shift[2 * a] = by * ax;
-        s.shift[2 * a + 1] = by * ay;
-        s.density_after[a] = s.density[a] + by * (ax * (px - 2 * inverse_moment * p_a * cx)
-                                                  + ay * (py - 2 * inverse_moment * p_a * cy))
-                                                / (s.sound_speed * s.sound_speed);
+        if constexpr (SUMS & FORCES) {
+            s.acceleration[2 * a] = (fx + s.surface_force[2 * a]) / s.density[a];
+            s.acceleration[2 * a + 1] = (fy + s.surface_force[2 * a + 1]) / s.density[a] - s.gravity;
+        }
     }
 }
 
-extern "C" void continuity(const Scene *scene) {
-    const Scene &s = *scene;
+extern "C" void momentum(const Scene *scene) { momentum_of<FORCES | ORDER>(*scene); }
+
+constexpr int SHEPARD = 1, DIVERGENCE = 2, DIFFUSION = 4, BACKGROUND = 8;
+
+template <int SUMS> static void continuity_of(const Scene &s) {
     const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h);
     for (int k = 0; k < s.mobile; k++) {
         const int a = s.rows[k];
@@ -129,18 +142,29 @@ extern "C" void continuity(const Scene *scene) {
             const real slope = s.volume[b] * F(r2, slope_factor, inverse_h);
             const real share = s.volume[b] * W(r2, s.alpha, inverse_h);
             const real moves = s.mobility[b] == 1 ? real(1) : real(0);
-            divergence += slope * ((u - s.velocity[2 * b]) * rx + (v - s.velocity[2 * b + 1]) * ry);
-            diffused -= moves * slope * s.delta * (s.density[b] - s.reference_density[b] - excess);
-            gamma += share;
-            weight += moves * share;
-            background += moves * share * s.background[b];
+            if constexpr (SUMS & DIVERGENCE)
+                divergence += slope * ((u - s.velocity[2 * b]) * rx + (v - s.velocity[2 * b + 1]) * ry);
+            if constexpr (SUMS & DIFFUSION)
+                diffused -= moves * slope * s.delta * (s.density[b] - s.reference_density[b] - excess);
+            if constexpr (SUMS & SHEPARD) gamma += share;
+            if constexpr (SUMS & BACKGROUND) {
+                weight += moves * share;
+                background += moves * share * s.background[b];
+            }
         }
-        const real ideal = of_a_flat_surface(s, s.flat_shepard, s.colour_strength[a]);
-        const real packed = max(real(-0.1), min(real(0.1), gamma / ideal - 1));
-        s.density_rate[a] = s.density[a] * (divergence / s.moment + s.packing * packed) + diffused;
-        s.shepard[a] = gamma;
-        s.background_mean[a] = background / weight;
+        if constexpr (SUMS & SHEPARD) s.shepard[a] = gamma;
+        if constexpr (SUMS & DIVERGENCE) {
+            const real ideal = of_a_flat_surface(s, s.flat_shepard, s.colour_strength[a]);
+            const real packed = max(real(-0.1), min(real(0.1), s.shepard[a] / ideal - 1));
+            s.density_rate[a] = s.density[a] * (divergence / s.moment + s.packing * packed);
+        }
+        if constexpr (SUMS & DIFFUSION) s.density_rate[a] += diffused;
+        if constexpr (SUMS & BACKGROUND) s.background_mean[a] = background / weight;
     }
+}
+
+extern "C" void continuity(const Scene *scene) {
+    continuity_of<SHEPARD | DIVERGENCE | DIFFUSION | BACKGROUND>(*scene);
 }
 
 extern "C" void colour(const Scene *scene) {
@@ -246,6 +270,19 @@ extern "C" void conduction(const Scene *scene) {
         }
         s.heating[a] = (double)(s.volume[a] * conducted);
     }
+}
+
+// All of the passes above, with a loop over the neighbours for every term of them.
+extern "C" void unfused(const Scene *scene) {
+    momentum_of<ORDER>(*scene);
+    momentum_of<FORCES>(*scene);
+    continuity_of<SHEPARD>(*scene);
+    continuity_of<DIVERGENCE>(*scene);
+    continuity_of<DIFFUSION>(*scene);
+    continuity_of<BACKGROUND>(*scene);
+    colour(scene);
+    forces(scene);
+    conduction(scene);
 }
 
 #ifdef __AVX512F__

@@ -31,7 +31,9 @@ ABOUT = (
     "this machine is the time of the operations alone ("
     + ", ".join(f"{name} {count}" for name, count in OPERATIONS.items())
     + " for a neighbour), were all of them multiply-adds in full vectors, whose rate was measured between the passes: "
-    "no reading of neighbours, no roots, no divisions."
+    "no reading of neighbours, no roots, no divisions. Unfused is the same step as it is written before anybody fuses "
+    "its sums: Shepard, divergence, diffusion, background, forces and order (shift, surface force) each in a loop of its "
+    "own, colour, surface forces and conduction as above; the difference of that row is that from the fused C++."
 )
 SOURCE = Path(__file__).with_name("peer.cpp")
 _CONSTANTS = (
@@ -129,6 +131,28 @@ def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
     return [exported.twin(name, counts[name], launch, dt) for name, launch in launches.items()]
 
 
+def unfused(sim: Simulation, precision: str, dt: float = 1e-9) -> tuple[Callable[[], None], float]:
+    """All passes of :func:`twins` in C++, with a loop over the neighbours for every term.
+
+    Returns a function that runs it, and the largest difference of a result from that of the fused loops, over the
+    largest value of that result; of the density, over its largest change. ``dt`` [s] of the momentum pass.
+    """
+    exported = _Exported(sim, precision)
+    (fused, ours), (apart, theirs) = exported.scene(dt), exported.scene(dt)
+    for name in _PASSES:
+        exported.function(name)(ctypes.addressof(fused))
+    function = exported.function("unfused")
+    function(ctypes.addressof(apart))
+    for arrays in (ours, theirs):
+        arrays["density_after"] -= np.where(arrays["density_after"] > 0.0, arrays["density"], 0.0)
+    worst = max(
+        float(np.abs(ours[name] - theirs[name]).max() / np.abs(ours[name]).max())
+        for results in _PASSES.values()
+        for name in results
+    )
+    return lambda _keep=theirs: function(ctypes.addressof(apart)), worst
+
+
 class _Exported:
     """The arrays of a simulation for C++."""
 
@@ -164,7 +188,7 @@ class _Exported:
             "table_scale": disc.h_surface / disc.flat.largest * intervals,
         }  # fmt: skip
 
-    def _scene(self, dt: float) -> tuple[Any, dict[str, np.ndarray]]:
+    def scene(self, dt: float) -> tuple[Any, dict[str, np.ndarray]]:
         """The structure and the arrays that it points into."""
         sim, rows, surface = self._sim, self._sim.rows, self._sim.surface
         assert surface is not None
@@ -186,11 +210,16 @@ class _Exported:
         pointers = {name: values.ctypes.data for name, values in arrays.items()}
         return _structure(self._precision)(**self._constants(dt), **sizes, **pointers), arrays
 
-    def twin(self, name: str, count: int, launch: Callable[[float], None], dt: float) -> Twin:
-        """The pass ``name``; timed with a step of zero, which leaves the simulation as it is."""
+    def function(self, name: str) -> Any:
+        """The C++ function ``name``, which takes the address of a scene."""
         function = getattr(self._library, name)
         function.restype, function.argtypes = None, [ctypes.c_void_p]
-        scene, arrays = self._scene(0.0)
+        return function
+
+    def twin(self, name: str, count: int, launch: Callable[[float], None], dt: float) -> Twin:
+        """The pass ``name``; timed with a step of zero, which leaves the simulation as it is."""
+        function = self.function(name)
+        scene, arrays = self.scene(0.0)
         place = ctypes.addressof(scene)
 
         def kernel() -> None:
@@ -201,7 +230,7 @@ class _Exported:
             function(place)
 
         def difference() -> float:
-            now, results = self._scene(dt)
+            now, results = self.scene(dt)
             function(ctypes.addressof(now))
             before = self._sim.state.array("density")
             launch(dt)

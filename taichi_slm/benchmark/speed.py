@@ -6,10 +6,10 @@ particle of the lists over which a pass runs: the moving ones, those beside them
 needs. "Python and launches" is what is left of a step when all passes are taken away. A launch that took more than
 five times as long as its like was stalled by another process, and counts as five.
 
-What is summed from the same state is one loop already: pressure, viscosity, wall forces and shift; divergence,
-diffusion, Shepard sum and packing. These passes cannot be one: each needs what the pass before it wrote to the
-neighbours (moved places and pressures, surface forces, kicked velocities). So the step that stands beside the unfused
-one in C++ is this one: "all of them, once each".
+What is summed from the same state is one loop here: pressure, viscosity, wall forces and shift; divergence,
+diffusion, Shepard sum and background. These passes cannot be one: each needs what the pass before it wrote to the
+neighbours (moved places and pressures, surface forces, kicked velocities). In C++ they stand beside us twice: pass by
+pass with the same sums in a loop, and as the step is written before anybody fuses it, with a loop for every term.
 """
 
 import statistics
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from taichi_slm.benchmark import peer
+from taichi_slm.benchmark.goals import TOGETHER, UNFUSED
 from taichi_slm.benchmark.measure import Yardstick, in_its_own_process, in_turn, ratio
 from taichi_slm.benchmark.passes import Pass, Watch
 from taichi_slm.benchmark.report import Findings
@@ -223,8 +224,26 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
     together = {name: [sum(turn) for turn in zip(*each, strict=True)] for name, each in turns.items()}
     whole = {name: 1e9 * statistics.median(values) / sim.rows.mobile for name, values in together.items()}
     rows.append({
-        "pass": "all of them, once each", "rows": sim.rows.mobile, "ns per row": whole["kernel"],
+        "pass": TOGETHER, "rows": sim.rows.mobile, "ns per row": whole["kernel"],
         "c++, ns per row": whole["c++"], "over c++": ratio(together["kernel"], together["c++"]),
         "limit over c++": ratio(together["limit"], together["c++"]),
     })  # fmt: skip
-    return {"rows": rows}
+    return {"rows": [*rows, _beside_unfused(sim, precision, quick, whole["limit"])]}
+
+
+def _beside_unfused(sim: Simulation, precision: str, quick: bool, limit: float) -> dict[str, Any]:
+    """The row of all passes beside the step in C++ that has a loop for every term; ``limit`` [ns per row]."""
+    twins = peer.twins(sim, precision)
+    unfused, difference = peer.unfused(sim, precision)
+
+    def kernels() -> None:
+        for twin in twins:
+            twin.kernel()
+
+    seconds = in_turn({"kernel": kernels, "c++": unfused}, 5 if quick else 41, 2 if quick else 5)
+    per_row = {name: 1e9 * statistics.median(values) / sim.rows.mobile for name, values in seconds.items()}
+    return {
+        "pass": UNFUSED, "rows": sim.rows.mobile, "ns per row": per_row["kernel"],
+        "c++, ns per row": per_row["c++"], "over c++": ratio(seconds["kernel"], seconds["c++"]),
+        "limit over c++": limit / per_row["c++"], "largest difference": difference,
+    }  # fmt: skip
