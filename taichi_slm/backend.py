@@ -117,9 +117,6 @@ def _spread(threads: set[int]) -> None:
 ON_DEMAND_FROM = 400_000  # particles; below, all of a scene's memory is at most 1 GB, and a step 20 % faster
 M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
 BLOCK = 64  # particles of a block
-# Room in a neighbour list, over the neighbours on a lattice, and on top of that: metal is not packed 1.1 times as
-# densely, and where a scene begins with rings instead of a lattice, their centre has some more.
-LIST_ROOM, LIST_SPARE = 1.15, 15
 
 
 class Blocks:

@@ -18,14 +18,23 @@ class Needs:
 
     flow: bool
     heat: bool
+    conductivity: bool  # of a particle: pairs of one material need none, but the integral
     surface: bool  # colour gradient, normals
     tension: bool  # curvature and surface forces
     balanced: bool  # capillary pressure through the operator of the pressure gradient
+    body_force: bool  # surface tension along the colour gradient instead
     shifting: bool
     shown_velocity: bool
-    losses: bool  # radiation, evaporation
+    laser: bool
+    radiation: bool
+    evaporation: bool
     viscous_heating: bool
     printed_leapfrog: bool
+
+    @property
+    def losses(self) -> bool:
+        """Whether heat leaves through the surface."""
+        return self.radiation or self.evaporation
 
 
 class State:
@@ -78,11 +87,15 @@ class State:
             self.enthalpy_past = scalar("enthalpy_past", ti.f64, of=hot)  # [J/kg], two stages ago; heat
             self.heating = scalar("heating", ti.f64, of=hot)  # [W]; heat rates
             self.heating_before = scalar("heating_before", ti.f64, of=hot)  # [W], first stage; heat
-            self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
             self.kirchhoff = scalar("kirchhoff")  # integral of k dT [W/m]; phase change
             self.conduction_factor = scalar("conduction_factor")  # [-], of a pair's heat; surroundings
+        if needs.conductivity:
+            self.conductivity = scalar("conductivity")  # k [W/(m K)]; phase change
+        if needs.radiation:
             self.radiated = scalar("radiated", of=hot)  # [W]; heat rates
+        if needs.evaporation:
             self.evaporated = scalar("evaporated", of=hot)  # [W]; heat rates
+        if needs.laser:
             self.laser = scalar("laser", ti.f64, of=hot)  # absorbed [W]; laser
         if needs.losses:
             self.surface_area = scalar("surface_area", of=hot)  # per volume of metal [1/m]; surroundings
@@ -104,7 +117,6 @@ class State:
         if needs.printed_leapfrog:
             self.acceleration_before = vector("acceleration_before", of=moving)  # [m/s^2]; kick
         if needs.surface:
-            self.colour_gradient = vector("colour_gradient", of=moving)  # [1/m], inward; colour gradient
             self.colour_strength = scalar("colour_strength", of=outer)  # |grad c| [1/m]; colour gradient
             self.normal = vector("normal", of=outer)  # unit, inward, or zero where cut; colour gradient
         if needs.tension:
@@ -112,6 +124,8 @@ class State:
             self.surface_tension_slope = scalar("surface_tension_slope")  # [N/(m K)]; phase change
             self.curvature = scalar("curvature", of=moving)  # [1/m], negative on a drop; surface forces
             self.surface_force = vector("surface_force", of=moving)  # [N/m^d]; surface forces, momentum
+        if needs.body_force:
+            self.colour_gradient = vector("colour_gradient", of=moving)  # [1/m], inward; colour gradient
         if needs.balanced:
             # [N/m^d], Marangoni; surface forces
             self.tangential_force = vector("tangential_force", of=moving)

@@ -263,12 +263,16 @@ def test_what_is_off_is_not_allocated(track):
     assert {"enthalpy", "pressure", "curvature", "normal", "viscous_work", "laser", "shepard"} <= names
     assert "acceleration_before" not in names
     assert "acceleration_before" in names_of(track(numerics={"integrator": "leapfrog_printed"}))
+    assert "evaporated" not in names
+    assert "evaporated" in names_of(track(physics={"evaporation": True}))
+    assert "laser" not in names_of(track(laser=None))
+    assert "colour_gradient" not in names
+    assert "colour_gradient" in names_of(track(numerics={"tension": "body_force"}))
 
     conduction = names_of(track(physics={"flow": False, "radiation": False}))
     flow_alone = {"pressure", "viscosity", "acceleration", "density_rate", "shepard", "reference_position"}
     surface_alone = {
         "normal",
-        "colour_gradient",
         "colour_strength",
         "curvature",
         "surface_force",
@@ -286,9 +290,10 @@ def test_what_is_off_is_not_allocated(track):
         "viscous_work",
         "surface_tension_slope",
         "surface_area",
+        "radiated",
     }
     radiating = names_of(track(physics={"flow": False}))
-    assert radiating - conduction == {"normal", "colour_gradient", "colour_strength", "surface_area"}
+    assert radiating - conduction == {"normal", "colour_strength", "surface_area", "radiated"}
 
     off = dict.fromkeys(("heat", "surface_tension", "marangoni", "radiation", "viscous_heating"), False)
     flow = names_of(track(physics=off, laser=None, numerics={"packing_correction": 0}))

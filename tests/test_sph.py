@@ -400,7 +400,7 @@ def test_crowds_and_lost_particles_are_errors_and_nothing_is_cut_off(half_molten
     assert rows.near_count.to_numpy()[:count].tolist() == [rows.near_capacity] * count
     check_lists(sim, *radii(sim))
 
-    # the room in the lists: the whole melt squeezed to 1.45 times its density (they have 1.5 and a dozen)
+    # the room in the lists: the whole melt squeezed to 1.45 times its density (near ones hold 43, of 24 on a lattice)
     x = start.copy()
     molten = sim.state.array("mobility") == MOBILE
     x[molten] = x[molten].mean(axis=0) + (x[molten] - x[molten].mean(axis=0)) / math.sqrt(1.45)

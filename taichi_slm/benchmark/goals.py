@@ -11,7 +11,10 @@ from typing import Any
 from taichi_slm.benchmark.paper import PAPER_RUN
 
 AT_MOST, AT_LEAST = "at most", "at least"
-TOGETHER, UNFUSED = "all of them, once each", "all of them, beside C++ unfused"  # rows beside those of the passes
+TOGETHER, UNFUSED = (
+    "all of them, once each",
+    "all of them, beside C++ unfused",
+)  # rows beside those of the passes
 TOLD_APART = 1.05  # factor from which two times of one machine can be told apart
 
 
@@ -109,7 +112,9 @@ def _cpp(compiler: str, a_pass: float, together: float) -> list[Goal]:
     (each, all_), (limit_of_each, limit_of_all) = cells("over c++"), cells("limit over c++")
     return [
         Goal(f"each neighbour pass over plain C++, {compiler}", AT_MOST, a_pass, each, see, limit_of_each),
-        Goal(f"the fused step over plain C++ unfused, {compiler}", AT_MOST, together, all_, see, limit_of_all),
+        Goal(
+            f"the fused step over plain C++ unfused, {compiler}", AT_MOST, together, all_, see, limit_of_all
+        ),
     ]
 
 

@@ -35,7 +35,7 @@ struct Scene {  // the order is that of peer.py
     // results
     real *acceleration, *surface_force, *shift, *density_after;
     real *density_rate, *shepard, *background_mean;
-    real *colour_gradient, *colour_strength_found, *normal_found;
+    real *colour_strength_found, *normal_found;
     real *curvature, *tangential_found, *capillary, *at_surface;
     double *heating;
 };
@@ -186,8 +186,6 @@ extern "C" void colour(const Scene *scene) {
             }
         const real strength = sqrt(gx * gx + gy * gy);
         const bool cut = !(strength > s.normal_cut);
-        s.colour_gradient[2 * a] = gx;
-        s.colour_gradient[2 * a + 1] = gy;
         s.colour_strength_found[a] = strength;
         s.normal_found[2 * a] = cut ? real(0) : gx / strength;
         s.normal_found[2 * a + 1] = cut ? real(0) : gy / strength;

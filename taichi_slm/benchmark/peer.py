@@ -31,9 +31,9 @@ ABOUT = (
     "this machine is the time of the operations alone ("
     + ", ".join(f"{name} {count}" for name, count in OPERATIONS.items())
     + " for a neighbour), were all of them multiply-adds in full vectors, whose rate was measured between the passes: "
-    "no reading of neighbours, no roots, no divisions. Unfused is the same step as it is written before anybody fuses "
-    "its sums: Shepard, divergence, diffusion, background, forces and order (shift, surface force) each in a loop of its "
-    "own, colour, surface forces and conduction as above; the difference of that row is that from the fused C++."
+    "no reading of neighbours, no roots, no divisions. Unfused is the same step as it is written before anybody "
+    "fuses its sums: Shepard, divergence, diffusion, background, forces and order (shift, surface force) in a loop of "
+    "its own each, colour, surface forces and conduction as above; the difference of that row is that from fused C++."
 )
 SOURCE = Path(__file__).with_name("peer.cpp")
 _CONSTANTS = (
@@ -51,14 +51,14 @@ _TABLES = ("flat_shepard", "flat_depth")
 _RESULTS = {  # name in C++ -> field of Taichi
     "acceleration": "acceleration", "surface_force": "surface_force", "shift": "shift", "density_after": "density",
     "density_rate": "density_rate", "shepard": "shepard", "background_mean": "background_mean",
-    "colour_gradient": "colour_gradient", "colour_strength_found": "colour_strength", "normal_found": "normal",
+    "colour_strength_found": "colour_strength", "normal_found": "normal",
     "curvature": "curvature", "tangential_found": "tangential_force", "capillary": "capillary",
     "at_surface": "at_surface", "heating": "heating",
 }  # fmt: skip
 _PASSES = {
     "momentum": ("acceleration", "surface_force", "shift", "density_after"),
     "continuity": ("density_rate", "shepard", "background_mean"),
-    "colour": ("colour_gradient", "colour_strength_found", "normal_found"),
+    "colour": ("colour_strength_found", "normal_found"),
     "forces": ("curvature", "tangential_found", "capillary", "at_surface"),
     "conduction": ("heating",),
 }

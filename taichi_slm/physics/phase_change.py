@@ -19,7 +19,7 @@ from taichi_slm.state import MOBILE, REMOVED, STILL, WALL, State
 READ_ALWAYS = ("density",)
 READ_FLOW = ("viscosity",)
 READ_TENSION = ("surface_tension", "surface_tension_slope")
-READ_HEAT = ("conductivity", "kirchhoff", "heat_capacity", "enthalpy")
+READ_HEAT = ("kirchhoff", "heat_capacity", "enthalpy")
 
 
 def needed_tables(state: State) -> tuple[str, ...]:
@@ -28,6 +28,7 @@ def needed_tables(state: State) -> tuple[str, ...]:
     names += READ_FLOW if state.needs.flow else ()
     names += READ_TENSION if state.needs.tension else ()
     names += READ_HEAT if state.needs.heat else ()
+    names += ("conductivity",) if state.needs.conductivity else ()
     return names
 
 
@@ -42,7 +43,7 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
     viscosity = tables.reader("viscosity") if needs.flow else None
     sigma = tables.reader("surface_tension") if needs.tension else None
     sigma_slope = tables.reader("surface_tension_slope") if needs.tension else None
-    conductivity = tables.reader("conductivity") if needs.heat else None
+    conductivity = tables.reader("conductivity") if needs.conductivity else None
     kirchhoff = tables.reader("kirchhoff") if needs.heat else None
 
     @ti.func
@@ -51,8 +52,9 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
         knot, fraction = tables.locate(m, T)
         state.temperature[a] = T
         if ti.static(needs.heat):
-            state.conductivity[a] = conductivity(m, knot, fraction)
             state.kirchhoff[a] = kirchhoff(m, knot, fraction)
+        if ti.static(needs.conductivity):
+            state.conductivity[a] = conductivity(m, knot, fraction)
         if ti.static(everything):
             s = tables.liquid_fraction(m, T)
             state.liquid_fraction[a] = s

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taichi_slm.backend import LIST_ROOM, LIST_SPARE, ON_DEMAND_FROM
+from taichi_slm.backend import ON_DEMAND_FROM
 from taichi_slm.config.extent import particles_about
 from taichi_slm.config.load import LoadedConfig, load_config
 from taichi_slm.config.material import Material
@@ -15,6 +15,8 @@ from taichi_slm.config.schema import Config, Laser, Move, PowderBed, PowderRow
 from taichi_slm.errors import ConfigError
 from taichi_slm.output.numbers import quantity
 from taichi_slm.scene.scene import Scene
+from taichi_slm.sph.cells import cell_bytes, cell_size
+from taichi_slm.sph.neighbours import list_room
 
 BUILT_AT_MOST = 2_000_000  # particles; larger scenes are counted by volume, so that the answer comes at once
 RUNTIME_BYTES = 290e6  # Python, Taichi, VTK, kernels
@@ -169,14 +171,9 @@ def memory_bytes(
     """
     d, performance = config.dimension, config.performance
     per_particle = state_bytes(config, real)
-    ball = math.pi if d == 2 else 4 / 3 * math.pi
-    near = ball * (2 * config.numerics.smoothing + performance.skin) ** d
-    far = (
-        ball * (2 * config.numerics.surface_smoothing + performance.skin) ** d
-        if config.physics.flow
-        else near
-    )
-    lists = 4 * (LIST_ROOM * max(near, far) + 2 * LIST_SPARE)
+    near = 2 * config.numerics.smoothing + performance.skin  # radii [dx]
+    far = 2 * config.numerics.surface_smoothing + performance.skin if config.physics.flow else near
+    lists = 4 * (list_room(0.0, near, d) + (list_room(near, far, d) if far > near else 0))
     taken = per_particle + lists
     if cold and count >= ON_DEMAND_FROM:
         taken = per_particle - on_demand_bytes(config, real)
@@ -184,7 +181,7 @@ def memory_bytes(
     if scene is not None:
         sites = math.prod(((scene.upper - scene.lower) / scene.spacing).tolist())
     host = 2 * per_particle  # numpy copies for output and checkpoints
-    return RUNTIME_BYTES + count * (taken + host) + 20 * sites
+    return RUNTIME_BYTES + count * (taken + host) + cell_bytes(cell_size(far, 1.0), d) * sites
 
 
 def state_bytes(config: Config, real: int = 8) -> float:

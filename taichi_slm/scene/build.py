@@ -40,9 +40,9 @@ from taichi_slm.scene.shapes import (
 )
 
 SIDE_MARGIN = 4.0  # default domain: beside and below the bodies [dx]
-FREE_MARGIN = 0.25  # beside and below bodies that nothing holds, at least, over the largest extent [-]
-HEADROOM = 0.5  # above the bodies, over their height [-]
-LEAST_HEADROOM = 25.0  # above the bodies, at least [dx]
+FREE_MARGIN = 0.25  # around bodies that nothing holds, at least, over the largest extent [-]
+HEADROOM = 0.5  # above bodies that something holds, for their spatter, over their height [-]
+LEAST_HEADROOM = 25.0  # the same, at least [dx]
 TILE = 4  # edge of a block of particles with consecutive ids [dx]
 NEAREST = 0.5  # two bodies of which one is a droplet may come this near [dx]
 
@@ -313,11 +313,12 @@ class _Builder:
             return lower, upper
         first, last = first - 0.5 * self.dx, last + 0.5 * self.dx
         extent = last - first
-        margin = SIDE_MARGIN * self.dx
         if not any(isinstance(b, Plate | Container) or getattr(b, "wall", False) for b in self.config.bodies):
-            margin = max(margin, FREE_MARGIN * float(extent.max()))
+            margin = max(SIDE_MARGIN * self.dx, FREE_MARGIN * float(extent.max()))
+            return first - margin, last + margin
+        margin = SIDE_MARGIN * self.dx
         lower, upper = first - margin, last + margin
-        upper[-1] = last[-1] + max(HEADROOM * extent[-1], LEAST_HEADROOM * self.dx, margin)
+        upper[-1] = last[-1] + max(HEADROOM * extent[-1], LEAST_HEADROOM * self.dx)
         return lower, upper
 
 
@@ -325,8 +326,9 @@ def build_scene(config: Config) -> Scene:
     """The particles of a config at time zero, with its domain and materials.
 
     Lattice: points at (i + 1/2) dx on every axis, one for all bodies but droplets. The default domain
-    reaches 4 dx beside and below the bodies (a quarter of their largest extent where no plate or wall holds
-    them), and above them by half their height, at least 25 dx. Raises ConfigError with the body's number.
+    reaches 4 dx beside and below the bodies and above them by half their height, at least 25 dx; where no plate or
+    wall holds them, a quarter of their largest extent all round, at least 4 dx. Raises ConfigError with the body's
+    number.
     """
     return _Builder(config).build()
 

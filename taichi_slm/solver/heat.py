@@ -118,17 +118,23 @@ class HeatPasses:
 
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
-        numerics, physics = disc.numerics, disc.physics
+        numerics, needs = disc.numerics, state.needs
         _, F = disc.flow_kernel.functions()
         one_material = len(emissivity) == 1
         own = numerics.conduction_correction and numerics.conduction_moment == "own"
         moment = 1.0 if own else disc.conduction_moment
         flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, moment)
         radiated = radiated_flux(disc.ambient, numerics.radiation_law)
-        evaporated = vapour(evaporations, disc.real)[0] if physics.evaporation else None
+        evaporated = vapour(evaporations, disc.real)[0] if needs.evaporation else None
         emits = ti.field(disc.real, shape=len(emissivity))
         emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
-        viscous = state.needs.viscous_heating
+
+        @ti.func
+        def conductivity(a):
+            result = state.kirchhoff[a] * 0.0
+            if ti.static(needs.conductivity):
+                result = state.conductivity[a]
+            return result
 
         @handed_out
         @ti.kernel
@@ -138,7 +144,7 @@ class HeatPasses:
                 a = rows.hot_rows[k]
                 x = state.position[a]
                 T_a = state.temperature[a]
-                k_a = state.conductivity[a]
+                k_a = conductivity(a)
                 phi_a = state.kirchhoff[a]
                 m_a = state.material[a]
                 V_a = state.volume[a]
@@ -151,29 +157,29 @@ class HeatPasses:
                     if ti.static(own):
                         slope *= 0.5 * (g_a + state.conduction_factor[b])
                     conducted += slope * flux(
-                        same, T_a, state.temperature[b], k_a, state.conductivity[b], phi_a, state.kirchhoff[b]
+                        same, T_a, state.temperature[b], k_a, conductivity(b), phi_a, state.kirchhoff[b]
                     )
                 heating = ti.cast(V_a * conducted, ti.f64)
-                if ti.static(physics.radiation):
+                if ti.static(needs.radiation):
                     lost = V_a * state.surface_area[a] * radiated(emits[m_a], T_a)
                     state.radiated[a] = lost
                     heating -= lost
-                if ti.static(physics.evaporation):
+                if ti.static(needs.evaporation):
                     lost = V_a * state.surface_area[a] * evaporated(m_a, T_a)
                     state.evaporated[a] = lost
                     heating -= lost
-                if lit != 0:
-                    heating += state.laser[a]
-                if ti.static(viscous):
+                if ti.static(needs.laser):
+                    if lit != 0:
+                        heating += state.laser[a]
+                if ti.static(needs.viscous_heating):
                     heating += state.viscous_work[a] * per_step
                 state.heating[a] = heating
 
         return rates
 
     def _compile_account(self, state: State, rows: Neighbours, disc: Discretisation) -> Any:
-        physics, ordered = disc.physics, disc.schedule.ordered
+        needs, ordered = state.needs, disc.schedule.ordered
         chunks = 1 if ordered else 1024
-        has_viscous = state.needs.viscous_heating
 
         @direct
         @ti.kernel
@@ -185,15 +191,16 @@ class HeatPasses:
                 sums = ti.Vector.zero(ti.f64, 5)
                 for k in range(chunk * hot // chunks, (chunk + 1) * hot // chunks):
                     a = rows.hot_rows[k]
-                    if lit != 0:
-                        sums[0] += state.laser[a]
-                    if ti.static(physics.radiation):
+                    if ti.static(needs.laser):
+                        if lit != 0:
+                            sums[0] += state.laser[a]
+                    if ti.static(needs.radiation):
                         sums[1] += state.radiated[a]
-                    if ti.static(physics.evaporation):
+                    if ti.static(needs.evaporation):
                         sums[2] += state.evaporated[a]
                     if (state.kind[a] & HELD) != 0:
                         sums[3] += state.heating[a]
-                    if ti.static(has_viscous):
+                    if ti.static(needs.viscous_heating):
                         sums[4] += state.viscous_work[a] * per_step
                 for i in ti.static(range(5)):
                     ti.atomic_add(power[i], sums[i])

@@ -32,7 +32,8 @@ def load_initial_state(model: Model) -> Beginning:
     mobile = (T > tables.segment_start[m, 1]) & ~scene.wall & state.needs.flow
     density = look_up(tables, "density", m, T) + _hydrostatic_excess(model, mobile)
     mass = density * scene.volume
-    velocity = np.where(mobile[:, None], _initial_velocity(model, density), 0.0)
+    velocity = _initial_velocity(model, density)
+    velocity[~mobile] = 0.0
     start = {
         "position": scene.position, "temperature": T, "material": m, "mass": mass, "density": density,
         "volume": scene.volume, "kind": WALL * scene.wall + HELD * scene.held, "velocity": velocity,

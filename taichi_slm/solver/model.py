@@ -22,26 +22,31 @@ from taichi_slm.solver.ledger import Ledger
 from taichi_slm.solver.step import FlowStep
 from taichi_slm.solver.surface import SurfacePasses
 from taichi_slm.solver.timestep import StepLimits
-from taichi_slm.sph.cells import Cells
+from taichi_slm.sph.cells import Cells, cell_size
 from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import Needs, State
 
 
-def needs_of(config: Config) -> Needs:
-    """Which groups of fields the terms of this config need."""
+def needs_of(config: Config, materials: int = 1) -> Needs:
+    """Which groups of fields the terms of this config need, for particles of so many ``materials``."""
     physics, numerics = config.physics, config.numerics
     tension = physics.flow and (physics.surface_tension or physics.marangoni or physics.recoil)
-    losses = physics.heat and (physics.radiation or physics.evaporation)
+    radiation, evaporation = physics.heat and physics.radiation, physics.heat and physics.evaporation
+    balanced = tension and physics.surface_tension and numerics.tension == "balanced"
     packing = physics.flow and numerics.packing_correction > 0
     return Needs(
         flow=physics.flow,
         heat=physics.heat,
-        surface=tension or losses or packing or shifting_strength(config) > 0,
+        conductivity=physics.heat and (materials > 1 or numerics.conduction != "kirchhoff"),
+        surface=tension or radiation or evaporation or packing or shifting_strength(config) > 0,
         tension=tension,
-        balanced=tension and physics.surface_tension and numerics.tension == "balanced",
+        balanced=balanced,
+        body_force=tension and not balanced,
         shifting=physics.flow and shifting_strength(config) > 0,
         shown_velocity=physics.flow and numerics.walls != "no_slip_centres",
-        losses=losses,
+        laser=physics.heat and config.laser is not None,
+        radiation=radiation,
+        evaporation=evaporation,
         viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
         printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
     )
@@ -62,7 +67,7 @@ class Model:
     """
 
     def __init__(self, config: Config, scene: Scene, real: Any, schedule: Schedule):
-        numerics, needs = config.numerics, needs_of(config)
+        numerics, needs = config.numerics, needs_of(config, len(scene.materials))
         d, dx = scene.dimension, scene.spacing
         self.config, self.scene = config, scene
         self.disc = disc = discretise(
@@ -82,10 +87,10 @@ class Model:
         margin = 2.0 * dx
         lower, upper = scene.lower - margin, scene.upper + margin
         widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
-        cells = Cells(state, lower, upper, max(0.5 * (far or near), 1.4 * dx), dx, widest, schedule)
+        cells = Cells(state, lower, upper, cell_size(far or near, dx), dx, widest, schedule)
         self.rows = Neighbours(state, cells, still, near, far, dx, schedule)
         self.bins = None
-        if config.laser and needs.heat:
+        if config.laser is not None and needs.laser:
             whole = not config.performance.skip_dark
             self.bins = LaserBins(config.laser, state, self.rows, lower, upper, dx, whole, schedule)
         rest, all_hot = self._rest_temperature()

@@ -192,8 +192,8 @@ def _both_lists(rows: Neighbours) -> tuple[tuple[Any, Any, bool], ...]:
 
 
 def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
-    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient, whether the
-    vector itself is needed), which stores it."""
+    """The Taichi functions (a, b) -> what b adds to the colour gradient of a, and (a, gradient, whether
+    the flow is near), which stores it."""
     _, F = disc.surface_kernel.functions()
     gamma_form = disc.uses_shepard and disc.numerics.colour_gradient == "gamma"
     cut = disc.numerics.normal_cut / disc.h_surface
@@ -207,13 +207,14 @@ def _colour_gradient(state: State, disc: Discretisation) -> tuple[Any, Any]:
         return factor * F(r.norm_sqr()) * r
 
     @ti.func
-    def store(a, gradient, kept):
+    def store(a, gradient, near):
         strength = gradient.norm()
         normal = gradient * 0.0
         if strength > cut:
             normal = gradient / strength
-        if kept:  # cold metal needs no more than the two below
-            state.colour_gradient[a] = gradient
+        if ti.static(state.needs.body_force):
+            if near:  # cold metal needs no more than the two below
+                state.colour_gradient[a] = gradient
         # inside cold metal, where round-off is left of the sum, both stay zero and take no memory
         if strength > 1e-6 * cut or state.colour_strength[a] > 0.0:
             state.colour_strength[a] = strength

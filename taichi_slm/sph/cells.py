@@ -16,7 +16,23 @@ from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.state import MOBILE, REMOVED, State
 
 # of a cell over the lattice; welds and tracks at 200 W came to 12 particles of 8 in 3-D, 7 of 4 in 2-D
-CELL_ROOM, CELL_SPARE = 2.0, 4
+CELL_ROOM, CELL_SPARE = 1.5, 6
+CELL_FIELDS = 6  # numbers of a cell besides its particles, `zone` of the lists among them
+
+
+def cell_size(radius: float, dx: float) -> float:
+    """Edge of the cells [m] for lists of ``radius`` [m], particles ``dx`` [m] apart."""
+    return max(0.5 * radius, 1.4 * dx)
+
+
+def cell_room(size: float, dimension: int) -> int:
+    """Particles that a cell of edge ``size`` [dx] can hold."""
+    return int(CELL_ROOM * size**dimension) + CELL_SPARE
+
+
+def cell_bytes(size: float, dimension: int) -> float:
+    """Memory of cells of edge ``size`` [dx] for each particle that the domain would hold."""
+    return 4.0 * (CELL_FIELDS + cell_room(size, dimension)) / size**dimension
 
 
 class Cells:
@@ -36,7 +52,7 @@ class Cells:
             int(math.ceil((u - o) / size)) + 1 + 2 * self.border for o, u in zip(lower, upper, strict=True)
         )
         self.total = int(np.prod(self.shape))
-        self.capacity = int(CELL_ROOM * (size / dx) ** state.dimension) + CELL_SPARE
+        self.capacity = cell_room(size / dx, state.dimension)
         self.count = ti.field(ti.i32, shape=self.total)
         self.items = ti.field(ti.i32, shape=(self.total, self.capacity))
         self.active = ti.field(ti.i32, shape=self.total)

@@ -15,13 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from taichi_slm.backend import LIST_ROOM, LIST_SPARE, Blocks, Schedule, direct, handed_out, ti
+from taichi_slm.backend import Blocks, Schedule, direct, handed_out, ti
 from taichi_slm.sph.cells import Cells
 from taichi_slm.state import MOBILE, REMOVED, STILL, State
 
 RING = 1  # cells between the active ones and the rim of the hot set
 ANEW, FOUND, SETTLED = 0, 1, 2  # values of `listed`: search when next needed; found just now; good for ever
-HOT, CORE = 1, 2  # bits of a cell's zone
+HOT, CORE, GROWN = 1, 2, 4  # bits of a cell's zone; the last while a ring is added
+# Room in a list over the neighbours on a lattice, and on top of that, by dimension: metal is not packed 1.1 times as
+# densely. The fewer there are the more their number scatters, and the rings that a scene in 2-D may begin with have
+# some more in their centre. Of the shipped scenes the fullest lists hold 28 and 34 (2-D, of room for 43 and 44), and
+# 99 and 187 (3-D, of 109 and 206).
+LIST_ROOM, LIST_SPARE = 1.15, {2: 15, 3: 4}
+
+
+def list_room(inner: float, outer: float, dimension: int) -> int:
+    """Entries of a list of the particles between the radii ``inner`` and ``outer`` [dx]."""
+    ball = 3.1416 if dimension == 2 else 4.1888
+    return int(LIST_ROOM * ball * (outer**dimension - inner**dimension)) + LIST_SPARE[dimension]
 
 
 class Neighbours:
@@ -38,9 +49,8 @@ class Neighbours:
         d, n = state.dimension, state.count
         reach = cells.reach(far or near)
         self._reach, self._cells = reach, cells
-        ball = (lambda r: 3.1416 * r**2) if d == 2 else (lambda r: 4.1888 * r**3)
-        self.near_capacity = int(LIST_ROOM * ball(near / dx)) + LIST_SPARE
-        self.far_capacity = int(LIST_ROOM * (ball(far / dx) - ball(near / dx))) + LIST_SPARE if far else 0
+        self.near_capacity = list_room(0.0, near / dx, d)
+        self.far_capacity = list_room(near / dx, far / dx, d) if far else 0
         self.rows = ti.field(ti.i32, shape=n)
         self.hot_rows = ti.field(ti.i32, shape=n)
         self.chosen = ti.field(ti.i32, shape=n)  # number of the choice in which a particle was hot last
@@ -74,7 +84,6 @@ class Neighbours:
         d, window, ring = state.dimension, cells.window(reach), cells.window(RING)
         hot_rows, chosen, core, ends = self.hot_rows, self.chosen, self.core, self._ends
         zone, ordered = self._zone, self._schedule.ordered
-        grown = ti.field(ti.i32, shape=cells.total)
         Corner = ti.types.vector(d, ti.f64)
 
         @direct
@@ -100,14 +109,14 @@ class Neighbours:
             """One more ring of cells around the hot ones."""
             ti.loop_config(serialize=alone)
             for c in range(cells.total):
-                grown[c] = zone[c]
                 if cells.inner[c] == 1 and zone[c] == 0:
                     for w in range(ring.shape[0]):
-                        if zone[c + ring[w]] != 0:
-                            grown[c] = HOT
+                        if (zone[c + ring[w]] & HOT) != 0:
+                            zone[c] = GROWN
             ti.loop_config(serialize=alone)
             for c in range(cells.total):
-                zone[c] = grown[c]
+                if zone[c] == GROWN:
+                    zone[c] = HOT
 
         @ti.func
         def lit(a, low, high):
