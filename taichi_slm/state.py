@@ -17,6 +17,8 @@ class Needs:
     """Which groups of fields a scene needs; what it does not need is not allocated."""
 
     flow: bool
+    still: bool  # somebody stands still or may come to: what is solid, walls, what is held
+    viscosity: bool
     heat: bool
     conductivity: bool  # of a particle: pairs of one material need none, but the integral
     surface: bool  # colour gradient, normals
@@ -104,13 +106,15 @@ class State:
             self.viscous_work = scalar("viscous_work", ti.f64, of=hot)
         if needs.flow:
             self.pressure = scalar("pressure")  # [Pa]; equation of state, wall pressure
-            self.viscosity = scalar("viscosity")  # [Pa s]; phase change
             self.acceleration = vector("acceleration", of=moving)  # [m/s^2]; momentum
             self.density_rate = scalar("density_rate", of=moving)  # [kg/(m^3 s)]; continuity
             # [m] at which cells and lists have a particle, within half a skin of where it is; cells
             self.reference_position = vector("reference_position")
             self.shepard = scalar("shepard")  # Gamma = Sum V W [-]; continuity
+        if needs.flow and needs.still:
             self.wall_force = vector("wall_force", of=moving)  # [N] from walls on a mobile particle; momentum
+        if needs.viscosity:
+            self.viscosity = scalar("viscosity")  # [Pa s]; phase change
         if needs.shown_velocity:
             # [m/s] that viscosity sees: a mobile particle's own, a still one's by what walls ask for; move, walls
             self.shown_velocity = vector("shown_velocity")
@@ -164,6 +168,19 @@ class State:
             ]
         found = {name: values for copier in self._copiers[key] for name, values in copier(self.count).items()}
         return {name: found[name] for name in names}
+
+
+def mover(state: State) -> Any:
+    """The Taichi function (particle) -> 1 if it moves, 0 if it stands still, of the state's precision."""
+
+    @ti.func
+    def moves(a):
+        result = ti.cast(1.0, state.real)
+        if ti.static(state.needs.still):
+            result = ti.cast(state.mobility[a] == MOBILE, state.real)
+        return result
+
+    return moves
 
 
 _NUMPY = {"f64": np.float64, "f32": np.float32, "i32": np.int32, "i64": np.int64}

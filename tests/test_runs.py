@@ -251,9 +251,9 @@ def test_any_moment_is_good_for_a_restart(track, precision):
 # --------------------------------------------------------------------------- what is off is not there
 
 
-def names_of(config):
+def names_of(config, **scene):
     backend.start(threads=1)
-    state = State(10, config.dimension, needs_of(config), ti.f64)
+    state = State(10, config.dimension, needs_of(config, **scene), ti.f64)
     assert all(hasattr(state, name) for name in state.names)
     return set(state.names)
 
@@ -295,9 +295,17 @@ def test_what_is_off_is_not_allocated(track):
     radiating = names_of(track(physics={"flow": False}))
     assert radiating - conduction == {"normal", "colour_strength", "surface_area", "radiated"}
 
+    # of the particles: one material, pairs of which conduct by an integral; all moving; nothing viscous
+    assert names_of(track(), materials=2) - names == {"conductivity"}
+    assert names_of(track(), still=False) == names  # what is warm may freeze
+    inviscid = names_of(track(), viscous=False)
+    assert names - inviscid == {"viscosity", "shown_velocity", "viscous_work"}
+
     off = dict.fromkeys(("heat", "surface_tension", "marangoni", "radiation", "viscous_heating"), False)
     flow = names_of(track(physics=off, laser=None, numerics={"packing_correction": 0}))
     assert flow_alone <= flow
+    all_move = names_of(track(physics=off, laser=None, numerics={"packing_correction": 0}), still=False)
+    assert flow - all_move == {"wall_force", "shown_velocity"}
     assert not surface_alone & flow
     assert not {name for name in flow if "enthalpy" in name or "heating" in name}
     assert not flow & {"conductivity", "kirchhoff", "radiated", "evaporated", "laser", "viscous_work"}

@@ -83,7 +83,7 @@ def test_the_traction_is_what_the_viscous_sum_lacks(square):
     shear = 50.0  # [1/s]
     sim.impose(2000 + MU * shear / SLOPE * (x - x.mean()))
     velocity = np.stack([shear * y, np.zeros_like(y)], axis=1)
-    sim.state.load(velocity=velocity, shown_velocity=velocity)
+    sim.state.load(velocity=velocity)
     sim.surface.step()
     zero = np.zeros(N * N)
     sim.state.load(background=zero, pressure=zero)
@@ -121,7 +121,7 @@ def test_only_shear_counts_as_shear(dimension):
 
 
 def shift_of(sim, velocity):
-    sim.state.load(velocity=velocity, shown_velocity=velocity)
+    sim.state.load(velocity=velocity)
     sim.flow_step.flow.momentum(1e-9)
     return sim.state.array("shift")
 

@@ -25,7 +25,7 @@ READ_HEAT = ("kirchhoff", "heat_capacity", "enthalpy")
 def needed_tables(state: State) -> tuple[str, ...]:
     """Names of the property tables that this scene reads."""
     names: tuple[str, ...] = READ_ALWAYS
-    names += READ_FLOW if state.needs.flow else ()
+    names += READ_FLOW if state.needs.viscosity else ()
     names += READ_TENSION if state.needs.tension else ()
     names += READ_HEAT if state.needs.heat else ()
     names += ("conductivity",) if state.needs.conductivity else ()
@@ -40,7 +40,7 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
     """
     needs = state.needs
     density = tables.reader("density")
-    viscosity = tables.reader("viscosity") if needs.flow else None
+    viscosity = tables.reader("viscosity") if needs.viscosity else None
     sigma = tables.reader("surface_tension") if needs.tension else None
     sigma_slope = tables.reader("surface_tension_slope") if needs.tension else None
     conductivity = tables.reader("conductivity") if needs.conductivity else None
@@ -62,7 +62,7 @@ def property_setter(state: State, tables: MaterialTables, alpha_viscosity: float
                 state.ever_liquid[a] = 1
             rho0 = density(m, knot, fraction)
             state.reference_density[a] = rho0
-            if ti.static(needs.flow):
+            if ti.static(needs.viscosity):
                 state.viscosity[a] = viscosity(m, knot, fraction) + rho0 * alpha_viscosity
             if ti.static(needs.tension):
                 state.surface_tension[a] = sigma(m, knot, fraction)

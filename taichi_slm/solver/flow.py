@@ -20,7 +20,7 @@ from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.solver.ledger import PACKING_BRACKETS, WALL_SUCTION, Ledger
 from taichi_slm.solver.momentum import compile_momentum
 from taichi_slm.sph.neighbours import Neighbours
-from taichi_slm.state import MOBILE, State
+from taichi_slm.state import MOBILE, State, mover
 
 LOST = 1e30  # `moved` when somebody has no finite place [m^2]
 
@@ -34,9 +34,9 @@ class FlowPasses:
 
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation, ledger: Ledger):
         self.moved = self.fastest = 0.0
-        self._rows, self._schedule, self._freezes = rows, disc.schedule, state.needs.heat
+        self._rows, self._schedule = rows, disc.schedule
         self._advance = self._compile_advance(state, rows, disc)
-        self._walls = self._compile_walls(state, rows, disc, ledger)
+        self._walls = self._compile_walls(state, rows, disc, ledger) if state.needs.still else None
         self._momentum = compile_momentum(state, rows, disc)
         self._kick = self._compile_kick(state, rows, disc, ledger)
         self._continuity = self._compile_continuity(state, rows, disc, ledger)
@@ -49,9 +49,8 @@ class FlowPasses:
     def walls(self) -> None:
         """Extrapolate the liquid's pressure and velocity to the still particles beside it."""
         mobile, flow = self._rows.mobile, self._rows.flow
-        if flow == mobile > 0 and not self._freezes:
-            return  # nobody is still
-        self._walls(flow, self._schedule.alone(flow - mobile + mobile // 10))  # the mobile rows are plain
+        if self._walls is not None:
+            self._walls(flow, self._schedule.alone(flow - mobile + mobile // 10))  # the mobile rows are plain
 
     def momentum(self, dt: float) -> None:
         """Write accelerations and shifts; ``dt`` [s] is the time of the viscous heat and of the shear."""
@@ -145,7 +144,7 @@ class FlowPasses:
         d, printed, ordered = disc.dimension, state.needs.printed_leapfrog, disc.schedule.ordered
         tension, gravity = state.needs.tension, disc.gravity
         chunks = 1 if ordered else 1024
-        shifts = state.needs.shifting
+        shifts, still = state.needs.shifting, state.needs.still
 
         @direct
         @ti.kernel
@@ -186,7 +185,8 @@ class FlowPasses:
                         farthest = ti.max(farthest, distance2)
                         speed2 = ti.max(speed2, u.norm_sqr())
                         weight += gravity * ti.cast(state.mass[a], ti.f64)
-                        wall += ti.cast(state.wall_force[a], ti.f64)
+                        if ti.static(still):
+                            wall += ti.cast(state.wall_force[a], ti.f64)
                         if ti.static(tension):
                             surface += ti.cast(state.surface_force[a] * state.volume[a], ti.f64)
                 ti.atomic_max(largest[0], ti.cast(farthest, ti.f64))
@@ -217,6 +217,7 @@ class FlowPasses:
         at_zero = float(disc.flow_kernel.value(0.0))
         clamps = ledger.clamps
         moment, balanced = disc.gradient_moment, state.needs.balanced
+        mover_of = mover(state)
 
         @handed_out
         @ti.kernel
@@ -243,7 +244,7 @@ class FlowPasses:
                         V = state.volume[b]
                         slope = V * F(r2)
                         divergence += slope * (u - state.velocity[b]).dot(r)
-                        moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
+                        moves = mover_of(b)
                         excess_b = state.density[b] - state.reference_density[b]
                         diffused -= moves * slope * diffusion(excess, excess_b, rho)
                         gamma += V * W(r2)

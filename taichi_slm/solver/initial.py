@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_slm.materials.tables import PropertyTables, enthalpy_at
 from taichi_slm.scene.program import program_rate
-from taichi_slm.solver.model import Model
+from taichi_slm.solver.model import Model, starts_mobile
 from taichi_slm.state import HELD, MOBILE, STILL, WALL
 
 
@@ -29,7 +29,7 @@ def load_initial_state(model: Model) -> Beginning:
     """
     scene, state, tables = model.scene, model.state, model.host_tables
     T, m = scene.temperature, scene.material
-    mobile = (T > tables.segment_start[m, 1]) & ~scene.wall & state.needs.flow
+    mobile = starts_mobile(scene, tables) & state.needs.flow
     density = look_up(tables, "density", m, T) + _hydrostatic_excess(model, mobile)
     mass = density * scene.volume
     velocity = _initial_velocity(model, density)

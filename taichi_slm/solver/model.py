@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_slm.backend import Schedule, direct, ti
 from taichi_slm.config.schema import Config
-from taichi_slm.materials.tables import tabulate
+from taichi_slm.materials.tables import PropertyTables, tabulate
 from taichi_slm.physics.laser import LaserBins
 from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import needed_tables, property_setter
@@ -27,15 +27,22 @@ from taichi_slm.sph.neighbours import Neighbours
 from taichi_slm.state import Needs, State
 
 
-def needs_of(config: Config, materials: int = 1) -> Needs:
-    """Which groups of fields the terms of this config need, for particles of so many ``materials``."""
+def needs_of(config: Config, materials: int = 1, still: bool = True, viscous: bool = True) -> Needs:
+    """Which groups of fields the terms of this config need, for particles of so many ``materials``.
+
+    ``still``: somebody stands still at the start; ``viscous``: a material, or the numerics, have a viscosity.
+    """
     physics, numerics = config.physics, config.numerics
     tension = physics.flow and (physics.surface_tension or physics.marangoni or physics.recoil)
     radiation, evaporation = physics.heat and physics.radiation, physics.heat and physics.evaporation
     balanced = tension and physics.surface_tension and numerics.tension == "balanced"
+    still = still or physics.heat  # what is warm may freeze
+    viscous = physics.flow and viscous
     packing = physics.flow and numerics.packing_correction > 0
     return Needs(
         flow=physics.flow,
+        still=still,
+        viscosity=viscous,
         heat=physics.heat,
         conductivity=physics.heat and (materials > 1 or numerics.conduction != "kirchhoff"),
         surface=tension or radiation or evaporation or packing or shifting_strength(config) > 0,
@@ -43,11 +50,11 @@ def needs_of(config: Config, materials: int = 1) -> Needs:
         balanced=balanced,
         body_force=tension and not balanced,
         shifting=physics.flow and shifting_strength(config) > 0,
-        shown_velocity=physics.flow and numerics.walls != "no_slip_centres",
+        shown_velocity=viscous and still and numerics.walls != "no_slip_centres",
         laser=physics.heat and config.laser is not None,
         radiation=radiation,
         evaporation=evaporation,
-        viscous_heating=physics.flow and physics.heat and physics.viscous_heating,
+        viscous_heating=viscous and physics.heat and physics.viscous_heating,
         printed_leapfrog=physics.flow and numerics.integrator == "leapfrog_printed",
     )
 
@@ -60,6 +67,11 @@ def shifting_strength(config: Config) -> float:
     return given
 
 
+def starts_mobile(scene: Scene, tables: PropertyTables) -> np.ndarray:
+    """Whether each particle is above its solidus and no wall, shape [n]."""
+    return np.asarray((scene.temperature > tables.segment_start[scene.material, 1]) & ~scene.wall)
+
+
 class Model:
     """State, lists, ledger and passes. A term that the config does not have is None or not compiled.
 
@@ -67,14 +79,16 @@ class Model:
     """
 
     def __init__(self, config: Config, scene: Scene, real: Any, schedule: Schedule):
-        numerics, needs = config.numerics, needs_of(config, len(scene.materials))
-        d, dx = scene.dimension, scene.spacing
+        numerics, d, dx = config.numerics, scene.dimension, scene.spacing
         self.config, self.scene = config, scene
         self.disc = disc = discretise(
             d, dx, config.physics, numerics, config.gravity, config.ambient_temperature, shifting_strength(config),
             schedule, real,
         )  # fmt: skip
-        self.host_tables = tabulate(scene.materials, numerics.solid_density)
+        self.host_tables = tables = tabulate(scene.materials, numerics.solid_density)
+        viscous = bool(np.any(tables.viscosity > 0.0)) or numerics.artificial_viscosity > 0.0
+        all_move = bool(starts_mobile(scene, tables).all())
+        needs = needs_of(config, len(scene.materials), not all_move, viscous)
         self.limits = StepLimits(config, self.host_tables)
         self.state = state = State(scene.count, d, needs, real)
         self.tables = MaterialTables(self.host_tables, real, needed_tables(state))

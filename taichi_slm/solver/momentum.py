@@ -18,7 +18,7 @@ from taichi_slm.physics.shifting import displacement, shear_rate_of
 from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.sph.neighbours import Neighbours
-from taichi_slm.state import MOBILE, State
+from taichi_slm.state import MOBILE, State, mover
 
 
 def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> Any:
@@ -27,7 +27,8 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
     moment = disc.gradient_moment
     _, F = disc.flow_kernel.functions()
     shepard, pressure = _pressure_between(state, disc)
-    viscous = _viscosity_between(state, disc)
+    viscosity, viscous = _viscosity_between(state, disc)
+    mover_of = mover(state)
     shown = state.shown_velocity if needs.shown_velocity else state.velocity
     put_in_order = _shifter(state, disc) if needs.shifting else None
 
@@ -39,7 +40,7 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
             a = rows.rows[k]
             if state.mobility[a] == MOBILE:
                 x, u = state.position[a], state.velocity[a]
-                p_a, mu_a, gamma_a = state.pressure[a], state.viscosity[a], shepard(a)
+                p_a, mu_a, gamma_a = state.pressure[a], viscosity(a), shepard(a)
                 force, from_walls, crowding, push = u * 0.0, u * 0.0, u * 0.0, u * 0.0
                 gradient = u.outer_product(u) * 0.0
                 dissipated = u[0] * 0.0
@@ -48,12 +49,13 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
                     r, u_ab = x - state.position[b], u - shown[b]
                     r2 = r.norm_sqr()
                     slope = state.volume[b] * F(r2)
-                    moves = ti.cast(state.mobility[b] == MOBILE, disc.real)
+                    moves = mover_of(b)
                     stress = viscous(u_ab, b, mu_a, r, r2)
                     p = pressure(b, p_a, gamma_a) / moment
                     term = slope * (stress - p) * r
                     force += term
-                    from_walls += (1.0 - moves) * term
+                    if ti.static(needs.still):
+                        from_walls += (1.0 - moves) * term
                     if ti.static(needs.balanced or needs.shifting):
                         crowding += slope * r
                     if ti.static(needs.shifting):
@@ -72,7 +74,8 @@ def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> An
                 if ti.static(needs.printed_leapfrog):
                     state.acceleration_before[a] = state.acceleration[a]
                 state.acceleration[a] = acceleration
-                state.wall_force[a] = from_walls * state.volume[a]
+                if ti.static(needs.still):
+                    state.wall_force[a] = from_walls * state.volume[a]
                 if ti.static(needs.viscous_heating):
                     state.viscous_work[a] += dt * dissipated * state.volume[a]
                 if ti.static(needs.shifting):
@@ -100,16 +103,28 @@ def _pressure_between(state: State, disc: Discretisation) -> tuple[Any, Any]:
     return shepard, pressure
 
 
-def _viscosity_between(state: State, disc: Discretisation) -> Any:
-    """The Taichi function (u_ab, b, mu_a, r_ab, r^2) -> viscous stress [Pa]."""
+def _viscosity_between(state: State, disc: Discretisation) -> tuple[Any, Any]:
+    """The Taichi functions a -> mu_a [Pa s] and (u_ab, b, mu_a, r_ab, r^2) -> stress [Pa]; 0 without viscosity."""
     form, corrected = disc.numerics.viscosity_form, disc.numerics.viscosity_correction
     of_pair = pair_viscosity(viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
 
+    has_some = state.needs.viscosity
+
+    @ti.func
+    def viscosity(a):
+        result = state.pressure[a] * 0.0
+        if ti.static(has_some):
+            result = state.viscosity[a]
+        return result
+
     @ti.func
     def stress(u_ab, b, mu_a, r, r2):
-        return of_pair(mu_a, state.viscosity[b], u_ab.dot(r), r2)
+        result = r2 * 0.0
+        if ti.static(has_some):
+            result = of_pair(mu_a, viscosity(b), u_ab.dot(r), r2)
+        return result
 
-    return stress
+    return viscosity, stress
 
 
 def _shifter(state: State, disc: Discretisation) -> Any:
