@@ -68,6 +68,7 @@ def test_cpp_computes_the_same_numbers(precision, limit):
     for row in found:
         assert row["largest difference"] < limit, row
         assert row["over c++"] > 0
+        assert 0 < row["of it to launch"] < row["ns per row"]
         assert 10 < row["neighbours"] < 40
     assert 0.0 < unfused["largest difference"] < limit  # sums of their own: none of them is the fused one's
     assert unfused["c++, ns per row"] > together["c++, ns per row"]  # nine loops for the sums of five
@@ -80,7 +81,12 @@ def test_all_passes_together_take_the_sum_of_their_times(monkeypatch):
 
     def in_turn(jobs, *_):
         took = next(passes)
-        return {"kernel": [took, 2 * took], "c++": [1e-3, 2e-3], "limit": [1e-4, 2e-4]}
+        return {
+            "kernel": [took, 2 * took],
+            "launch": [1e-6, 1e-6],
+            "c++": [1e-3, 2e-3],
+            "limit": [1e-4, 2e-4],
+        }
 
     monkeypatch.setattr(speed, "in_turn", in_turn)
     monkeypatch.setattr(speed, "_beside_unfused", lambda *_: {})

@@ -20,8 +20,8 @@ from taichi_slm.errors import BlowUpError
 from taichi_slm.run.driver import execute
 from taichi_slm.run.simulation import Simulation
 from taichi_slm.scene.build import build_scene
-from taichi_slm.solver.model import needs_of
-from taichi_slm.state import MOBILE, State
+from taichi_slm.solver.needs import needs_of
+from taichi_slm.state import MOBILE, State, bytes_of_a_particle
 
 UM = 1e-6
 
@@ -255,6 +255,10 @@ def names_of(config, **scene):
     backend.start(threads=1)
     state = State(10, config.dimension, needs_of(config, **scene), ti.f64)
     assert all(hasattr(state, name) for name in state.names)
+    taken = sum(state.array(name).nbytes for name in state.names) / state.count
+    counted, on_demand = bytes_of_a_particle(state.needs, config.dimension)
+    assert counted == taken  # told without Taichi
+    assert 0 < on_demand < counted
     return set(state.names)
 
 

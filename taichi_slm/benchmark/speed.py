@@ -200,12 +200,17 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
         sim.step()  # off the lattice, with a flow
     sim.activity.neighbours()
     rows: list[dict[str, Any]] = []
-    turns: dict[str, list[list[float]]] = {"kernel": [], "c++": [], "limit": []}  # of every pass
+    turns: dict[str, list[list[float]]] = {
+        "kernel": [],
+        "launch": [],
+        "c++": [],
+        "limit": [],
+    }  # of every pass
     arithmetic = peer.multiply_adds(precision)
     for twin in peer.twins(sim, precision):
         difference = twin.difference()
         seconds = in_turn(
-            {"kernel": twin.kernel, "c++": twin.cpp, "limit": arithmetic},
+            {"kernel": twin.kernel, "launch": twin.empty, "c++": twin.cpp, "limit": arithmetic},
             5 if quick else 41,
             2 if quick else 5,
         )
@@ -216,8 +221,8 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
         per_row = {name: 1e9 * statistics.median(values) / twin.rows for name, values in seconds.items()}
         rows.append({
             "pass": twin.name, "rows": twin.rows, "neighbours": twin.neighbours,
-            "ns per row": per_row["kernel"], "c++, ns per row": per_row["c++"],
-            "over c++": ratio(seconds["kernel"], seconds["c++"]),
+            "ns per row": per_row["kernel"], "of it to launch": per_row["launch"],
+            "c++, ns per row": per_row["c++"], "over c++": ratio(seconds["kernel"], seconds["c++"]),
             "limit over c++": ratio(seconds["limit"], seconds["c++"]),
             "largest difference": difference,
         })  # fmt: skip
@@ -225,7 +230,8 @@ def beside_cpp(precision: str, quick: bool) -> dict[str, Any]:
     whole = {name: 1e9 * statistics.median(values) / sim.rows.mobile for name, values in together.items()}
     rows.append({
         "pass": TOGETHER, "rows": sim.rows.mobile, "ns per row": whole["kernel"],
-        "c++, ns per row": whole["c++"], "over c++": ratio(together["kernel"], together["c++"]),
+        "of it to launch": whole["launch"], "c++, ns per row": whole["c++"],
+        "over c++": ratio(together["kernel"], together["c++"]),
         "limit over c++": ratio(together["limit"], together["c++"]),
     })  # fmt: skip
     return {"rows": [*rows, _beside_unfused(sim, precision, quick, whole["limit"])]}

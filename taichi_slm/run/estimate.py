@@ -15,8 +15,10 @@ from taichi_slm.config.schema import Config, Laser, Move, PowderBed, PowderRow
 from taichi_slm.errors import ConfigError
 from taichi_slm.output.numbers import quantity
 from taichi_slm.scene.scene import Scene
+from taichi_slm.solver.needs import needs_of
 from taichi_slm.sph.cells import cell_bytes, cell_size
 from taichi_slm.sph.neighbours import list_room
+from taichi_slm.state import bytes_of_a_particle
 
 BUILT_AT_MOST = 2_000_000  # particles; larger scenes are counted by volume, so that the answer comes at once
 RUNTIME_BYTES = 290e6  # Python, Taichi, VTK, kernels
@@ -170,13 +172,13 @@ def memory_bytes(
     ``cold``: before any of it is hot or melts, which matters in a scene that takes memory on demand.
     """
     d, performance = config.dimension, config.performance
-    per_particle = state_bytes(config, real)
+    per_particle, on_demand = state_bytes(config, real)
     near = 2 * config.numerics.smoothing + performance.skin  # radii [dx]
     far = 2 * config.numerics.surface_smoothing + performance.skin if config.physics.flow else near
     lists = 4 * (list_room(0.0, near, d) + (list_room(near, far, d) if far > near else 0))
     taken = per_particle + lists
     if cold and count >= ON_DEMAND_FROM:
-        taken = per_particle - on_demand_bytes(config, real)
+        taken = per_particle - on_demand
     sites = 2.0 * count
     if scene is not None:
         sites = math.prod(((scene.upper - scene.lower) / scene.spacing).tolist())
@@ -184,37 +186,15 @@ def memory_bytes(
     return RUNTIME_BYTES + count * (taken + host) + cell_bytes(cell_size(far, 1.0), d) * sites
 
 
-def state_bytes(config: Config, real: int = 8) -> float:
-    """Bytes of one particle's fields, by the groups of state.py; ``real`` is 8 for f64, 4 for f32."""
-    physics, d = config.physics, config.dimension
-    words = 6 + 2 * d
-    doubles = 0
-    if physics.heat:
-        words, doubles = words + 4, doubles + 6
-    if physics.flow:
-        words += 4 + 3 * d
-        doubles += int(physics.viscous_heating)
-    if _has_surface(config):
-        words += 1 + 2 * d
-    if physics.surface_tension or physics.marangoni or physics.recoil:
-        words += 3 + d
-    return real * words + 8 * doubles + 4 * 4
+def state_bytes(config: Config, real: int = 8) -> tuple[int, int]:
+    """Bytes of one particle's fields, and of them those that it needs only once it is hot, or moves.
 
-
-def on_demand_bytes(config: Config, real: int = 8) -> float:
-    """Bytes of one particle's fields that it needs only once it is hot, or moves: those of `Blocks` in state.py."""
-    physics, d = config.physics, config.dimension
-    moving = 1 + 2 * d if physics.flow else 0
-    if _has_surface(config):
-        moving += 1 + 2 * d
-    if physics.surface_tension or physics.marangoni or physics.recoil:
-        moving += 1 + d
-    return real * moving + (8 * 5 + real * 2 if physics.heat else 0)
-
-
-def _has_surface(config: Config) -> bool:
-    physics = config.physics
-    return physics.flow or physics.radiation or physics.evaporation
+    ``real`` is 8 for f64, 4 for f32.
+    """
+    materials = {
+        name for body in config.bodies for name in getattr(body, "materials", None) or [body.material]
+    }
+    return bytes_of_a_particle(needs_of(config, len(materials)), config.dimension, real)
 
 
 def output_bytes(config: Config, count: int) -> tuple[int, float]:
@@ -223,7 +203,7 @@ def output_bytes(config: Config, count: int) -> tuple[int, float]:
     snapshots = math.floor(end / (output.snapshot_interval or end / 40) * (1 + 1e-9)) + 1
     rows = math.floor(end / (output.history_interval or end / 400) * (1 + 1e-9)) + 1
     pictures = len(output.images) * min(output.images_at_most, snapshots)
-    checkpoints = CHECKPOINT_SLOTS * count * state_bytes(config)
+    checkpoints = CHECKPOINT_SLOTS * count * state_bytes(config)[0]
     size = (
         snapshots * (count * SNAPSHOT_BYTES + 5e3)
         + rows * HISTORY_BYTES
