@@ -38,7 +38,7 @@ from taichi_slm.run.summary import closing_lines, summarise
 if TYPE_CHECKING:
     from taichi_slm.run.simulation import Simulation
 
-MEMORY_MARGIN = 1.15  # the peaks of the shipped scenes are 3 to 12 % above what is estimated
+MEMORY_MARGIN = 1.15  # the peaks of scenes of 18,000 to 257,000 particles are 0.99 to 1.11 of the estimate
 
 
 def execute(
