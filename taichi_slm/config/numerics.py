@@ -161,7 +161,7 @@ class Performance(Frozen):
     keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
     serial_below: Annotated[int, Field(ge=0), NO_SWITCH] = Field(
-        200,
+        600,
         description="loops over the neighbours of fewer particles (in 3-D: of a quarter as many) run on one thread, "
         "plain ones of ten times as many",
     )
