@@ -220,7 +220,23 @@ def bytes_of_a_particle(needs: Needs, dimension: int, real: int = 8) -> tuple[in
     """
     counted = _Counted(dimension, real)
     State(0, dimension, needs, None, counted)
-    return sum(counted.taken.values()), sum(counted.taken.values()) - counted.taken[ALWAYS]
+    whole = sum(counted.taken.values())
+    return whole, whole - counted.taken[ALWAYS]
+
+
+def reader(state: State, name: str) -> Any:
+    """The Taichi function (particle) -> the field ``name``; 0 where the scene needs no such field."""
+    has = name in state.names
+    field: Any = getattr(state, name) if has else None
+
+    @ti.func
+    def read(a):
+        result = ti.cast(0.0, state.real)
+        if ti.static(has):
+            result = field[a]
+        return result
+
+    return read
 
 
 def mover(state: State) -> Any:

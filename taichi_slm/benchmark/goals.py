@@ -11,10 +11,8 @@ from typing import Any
 from taichi_slm.benchmark.paper import PAPER_RUN
 
 AT_MOST, AT_LEAST = "at most", "at least"
-TOGETHER, UNFUSED = (
-    "all of them, once each",
-    "all of them, beside C++ unfused",
-)  # rows beside those of the passes
+# rows of the table of passes that are no single pass
+TOGETHER, UNFUSED = "all of them, once each", "all of them, beside C++ unfused"
 TOLD_APART = 1.05  # factor from which two times of one machine can be told apart
 
 

@@ -191,10 +191,7 @@ def state_bytes(config: Config, real: int = 8) -> tuple[int, int]:
 
     ``real`` is 8 for f64, 4 for f32.
     """
-    materials = {
-        name for body in config.bodies for name in getattr(body, "materials", None) or [body.material]
-    }
-    return bytes_of_a_particle(needs_of(config, len(materials)), config.dimension, real)
+    return bytes_of_a_particle(needs_of(config, len(_material_names(config))), config.dimension, real)
 
 
 def output_bytes(config: Config, count: int) -> tuple[int, float]:
@@ -228,10 +225,13 @@ def _materials(config: Config, scene: Scene | None) -> tuple[Material, ...]:
 
     if scene is not None:
         return scene.materials
-    names = dict.fromkeys(
-        name for body in config.bodies for name in getattr(body, "materials", None) or [body.material]
-    )
-    return tuple(resolve(name, config.materials) for name in names)
+    return tuple(resolve(name, config.materials) for name in _material_names(config))
+
+
+def _material_names(config: Config) -> list[str]:
+    """Of all bodies, each once."""
+    named = (name for body in config.bodies for name in getattr(body, "materials", None) or [body.material])
+    return list(dict.fromkeys(named))
 
 
 def _hottest(config: Config) -> float:

@@ -23,7 +23,7 @@ from taichi_slm.solver.ledger import MOMENTUM, Ledger
 from taichi_slm.solver.surroundings import Surroundings
 from taichi_slm.solver.timestep import stages_for
 from taichi_slm.sph.neighbours import Neighbours
-from taichi_slm.state import HELD, MOBILE, State
+from taichi_slm.state import HELD, MOBILE, State, reader
 
 POWERS = ("absorbed", "radiated", "evaporated", "conducted_out", "viscous")  # accounts of the heat passes
 
@@ -126,15 +126,9 @@ class HeatPasses:
         flux = pair_conduction(numerics.conduction == "kirchhoff", one_material, moment)
         radiated = radiated_flux(disc.ambient, numerics.radiation_law)
         evaporated = vapour(evaporations, disc.real)[0] if needs.evaporation else None
+        conductivity = reader(state, "conductivity")
         emits = ti.field(disc.real, shape=len(emissivity))
         emits.from_numpy(emissivity.astype(np.float32 if str(disc.real) == "f32" else np.float64))
-
-        @ti.func
-        def conductivity(a):
-            result = state.kirchhoff[a] * 0.0
-            if ti.static(needs.conductivity):
-                result = state.conductivity[a]
-            return result
 
         @handed_out
         @ti.kernel

@@ -18,7 +18,7 @@ from taichi_slm.physics.shifting import displacement, shear_rate_of
 from taichi_slm.physics.viscosity import pair_viscosity, viscous_weight
 from taichi_slm.solver.discretisation import Discretisation
 from taichi_slm.sph.neighbours import Neighbours
-from taichi_slm.state import MOBILE, State, mover
+from taichi_slm.state import MOBILE, State, mover, reader
 
 
 def compile_momentum(state: State, rows: Neighbours, disc: Discretisation) -> Any:
@@ -108,14 +108,7 @@ def _viscosity_between(state: State, disc: Discretisation) -> tuple[Any, Any]:
     form, corrected = disc.numerics.viscosity_form, disc.numerics.viscosity_correction
     of_pair = pair_viscosity(viscous_weight(disc.flow_kernel, form, corrected, disc.dx))
 
-    has_some = state.needs.viscosity
-
-    @ti.func
-    def viscosity(a):
-        result = state.pressure[a] * 0.0
-        if ti.static(has_some):
-            result = state.viscosity[a]
-        return result
+    has_some, viscosity = state.needs.viscosity, reader(state, "viscosity")
 
     @ti.func
     def stress(u_ab, b, mu_a, r, r2):
