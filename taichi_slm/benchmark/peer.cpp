@@ -24,7 +24,7 @@ struct Scene {  // the order is that of peer.py
     real singular;                    // determinant of a lone particle's moment matrix [-]
     real table_scale;                 // |grad c| [1/m] -> place in the table of a flat surface
     // sizes
-    int mobile, hot, near_surface_count, surface_mobile, near_width, far_width, intervals;
+    int mobile, hot, near_surface_count, surface_mobile, near_width, slopes_width, far_width, intervals;
     // lists
     const int *rows, *hot_rows, *near_surface, *near_count, *near, *far_count, *far, *mobility;
     // fields, SI; vectors are x, y, x, y ...
@@ -32,6 +32,7 @@ struct Scene {  // the order is that of peer.py
     const real *background, *tangential_force, *normal, *colour_strength, *kirchhoff, *conduction_factor;
     const real *temperature, *liquid_fraction, *surface_tension, *surface_tension_slope;
     const real *flat_shepard, *flat_depth;  // a flat surface's tables
+    const real *slopes;                     // V F of every entry of `near`
     // results
     real *acceleration, *surface_force, *shift, *density_after;
     real *density_rate, *shepard, *background_mean;
@@ -251,8 +252,7 @@ extern "C" void forces(const Scene *scene) {
     }
 }
 
-extern "C" void conduction(const Scene *scene) {
-    const Scene &s = *scene;
+template <bool KEPT> static void conduction_of(const Scene &s) {  // KEPT: with the slopes of an earlier loop
     const real inverse_h = 1 / s.h, slope_factor = -5 * s.alpha / (s.h * s.h);
     for (int k = 0; k < s.hot; k++) {
         const int a = s.hot_rows[k];
@@ -260,15 +260,23 @@ extern "C" void conduction(const Scene *scene) {
         const real phi = s.kirchhoff[a], factor = s.conduction_factor[a];
         real conducted = 0;
         const int *list = s.near + (long)a * s.near_width;
+        const real *slopes = s.slopes + (long)a * s.slopes_width;
         for (int j = 0; j < s.near_count[a]; j++) {
             const int b = list[j];
-            const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
-            const real slope = s.volume[b] * F(rx * rx + ry * ry, slope_factor, inverse_h);
+            real slope;
+            if (KEPT) {
+                slope = slopes[j];
+            } else {
+                const real rx = x - s.position[2 * b], ry = y - s.position[2 * b + 1];
+                slope = s.volume[b] * F(rx * rx + ry * ry, slope_factor, inverse_h);
+            }
             conducted += slope * (factor + s.conduction_factor[b]) * (phi - s.kirchhoff[b]);
         }
         s.heating[a] = (double)(s.volume[a] * conducted);
     }
 }
+
+extern "C" void conduction(const Scene *scene) { conduction_of<true>(*scene); }
 
 // All of the passes above, with a loop over the neighbours for every term of them.
 extern "C" void unfused(const Scene *scene) {
@@ -280,7 +288,7 @@ extern "C" void unfused(const Scene *scene) {
     continuity_of<BACKGROUND>(*scene);
     colour(scene);
     forces(scene);
-    conduction(scene);
+    conduction_of<false>(*scene);
 }
 
 #ifdef __AVX512F__

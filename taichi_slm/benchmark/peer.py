@@ -24,7 +24,7 @@ from taichi_slm.sph.lattice import isotropic_softening, viscous_moment
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=c++17", "-shared", "-fPIC")
 # operations for a neighbour in peer.cpp; a root, a division or a choice counts as one, what the loop repeats as none
-OPERATIONS = {"momentum": 54, "continuity": 41, "colour": 18, "forces": 58, "conduction": 18}
+OPERATIONS = {"momentum": 54, "continuity": 41, "colour": 18, "forces": 58, "conduction": 5}
 ABOUT = (
     f"Plain scalar loops (taichi_slm/benchmark/peer.cpp), g++ {' '.join(FLAGS[:3])}; the kernels have fast math too. "
     "To launch is the time of the same kernel over no rows, which is part of the pass: 636 rows are soon done. The "
@@ -32,16 +32,27 @@ ABOUT = (
     "this machine is the time of the operations alone ("
     + ", ".join(f"{name} {count}" for name, count in OPERATIONS.items())
     + " for a neighbour), were all of them multiply-adds in full vectors, whose rate was measured between the passes: "
-    "no reading of neighbours, no roots, no divisions. Unfused is the same step as it is written before anybody "
+    "no reading of neighbours, no roots, no divisions. Conduction reads V F of every neighbour in both languages, as "
+    "it was found before the first stage of a heat step. Unfused is the same step as it is written before anybody "
     "fuses its sums: Shepard, divergence, diffusion, background, forces and order (shift, surface force) in a loop of "
-    "its own each, colour, surface forces and conduction as above; the difference of that row is that from fused C++."
+    "its own each, colour and surface forces as above, conduction with its own V F; the difference of that row is that "
+    "from fused C++."
 )
 SOURCE = Path(__file__).with_name("peer.cpp")
 _CONSTANTS = (
     "h", "alpha", "h_surface", "alpha_surface", "moment", "softening", "viscous_scale", "gravity", "sound_speed",
     "delta", "packing", "shifting", "dt", "normal_cut", "singular", "table_scale",
 )  # fmt: skip
-_SIZES = ("mobile", "hot", "near_surface_count", "surface_mobile", "near_width", "far_width", "intervals")
+_SIZES = (
+    "mobile",
+    "hot",
+    "near_surface_count",
+    "surface_mobile",
+    "near_width",
+    "slopes_width",
+    "far_width",
+    "intervals",
+)
 _LISTS = ("rows", "hot_rows", "near_surface", "near_count", "near", "far_count", "far", "mobility")
 _FIELDS = (
     "position", "velocity", "density", "reference_density", "volume", "pressure", "viscosity", "background",
@@ -49,6 +60,7 @@ _FIELDS = (
     "liquid_fraction", "surface_tension", "surface_tension_slope",
 )  # fmt: skip
 _TABLES = ("flat_shepard", "flat_depth")
+_SLOPES = "slopes"
 _RESULTS = {  # name in C++ -> field of Taichi
     "acceleration": "acceleration", "surface_force": "surface_force", "shift": "shift", "density_after": "density",
     "density_rate": "density_rate", "shepard": "shepard", "background_mean": "background_mean",
@@ -83,7 +95,7 @@ def _library(precision: str) -> ctypes.CDLL:
 @functools.lru_cache(maxsize=2)
 def _structure(precision: str) -> Any:
     real = ctypes.c_double if precision == "f64" else ctypes.c_float
-    pointers = (*_LISTS, *_FIELDS, *_TABLES, *_RESULTS)
+    pointers = (*_LISTS, *_FIELDS, *_TABLES, _SLOPES, *_RESULTS)
 
     class Scene(ctypes.Structure):
         """Mirror of `struct Scene` in peer.cpp."""
@@ -119,6 +131,7 @@ def twins(sim: Simulation, precision: str, dt: float = 1e-9) -> list[Twin]:
     """The passes of a 2-D drop without walls, radiation and viscous heating; ``dt`` [s] of the momentum pass."""
     flow, surface, heat, rows = sim.flow_step.flow, sim.surface, sim.heat, sim.rows  # type: ignore[union-attr]
     flow.advance(0.0, 0.0)  # everybody shows the velocity that momentum reads
+    heat.surroundings.look()  # type: ignore[union-attr]  # and has the slopes that conduction reads
     exported = _Exported(sim, precision)
     exported.check_forms()
     launches: dict[str, Callable[[int, float], None]] = {
@@ -193,7 +206,7 @@ class _Exported:
     def scene(self, dt: float) -> tuple[Any, dict[str, np.ndarray]]:
         """The structure and the arrays that it points into."""
         sim, rows, surface = self._sim, self._sim.rows, self._sim.surface
-        assert surface is not None
+        assert surface is not None and sim.heat is not None
         arrays = {name: getattr(rows, name).to_numpy() for name in _LISTS if hasattr(rows, name)}
         arrays["near_surface"] = surface._near_surface.to_numpy()
         arrays["mobility"] = sim.state.array("mobility")
@@ -203,11 +216,13 @@ class _Exported:
         for name in _TABLES:
             table = getattr(sim.disc.flat, name.removeprefix("flat_"))
             arrays[name] = np.ascontiguousarray(table, self._real)
+        arrays[_SLOPES] = np.ascontiguousarray(sim.heat.surroundings.slopes.to_numpy(), self._real)
         for name, field in _RESULTS.items():
             like = sim.state.array(field)
             arrays[name] = np.zeros(like.shape, np.float64 if name == "heating" else self._real)
         sizes = {"mobile": rows.mobile, "hot": rows.hot, "near_surface_count": surface.flow,
-                 "surface_mobile": surface.mobile, "near_width": rows.near.shape[1], "far_width": rows.far.shape[1],
+                 "surface_mobile": surface.mobile, "near_width": rows.near.shape[1],
+                 "slopes_width": arrays[_SLOPES].shape[1], "far_width": rows.far.shape[1],
                  "intervals": len(sim.disc.flat.shepard) - 1}  # fmt: skip
         pointers = {name: values.ctypes.data for name, values in arrays.items()}
         return _structure(self._precision)(**self._constants(dt), **sizes, **pointers), arrays

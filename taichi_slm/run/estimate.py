@@ -16,6 +16,7 @@ from taichi_slm.errors import ConfigError
 from taichi_slm.output.numbers import quantity
 from taichi_slm.scene.scene import Scene
 from taichi_slm.solver.needs import needs_of
+from taichi_slm.solver.surroundings import keeps_slopes
 from taichi_slm.sph.cells import cell_bytes, cell_size
 from taichi_slm.sph.neighbours import list_room
 from taichi_slm.state import bytes_of_a_particle
@@ -176,6 +177,7 @@ def memory_bytes(
     near = 2 * config.numerics.smoothing + performance.skin  # radii [dx]
     far = 2 * config.numerics.surface_smoothing + performance.skin if config.physics.flow else near
     lists = 4 * (list_room(0.0, near, d) + (list_room(near, far, d) if far > near else 0))
+    lists += real * list_room(0.0, near, d) if keeps_slopes(d) and config.physics.heat else 0
     taken = per_particle + lists
     if cold and count >= ON_DEMAND_FROM:
         taken = per_particle - on_demand

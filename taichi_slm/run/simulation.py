@@ -312,7 +312,7 @@ class Simulation:
         fastest = flow.flow.fastest if flow else 0.0
         saved["scene"] = self._scene_sum()
         saved["clock"] = np.array([self.time, self.dt, self.hottest, self.accounts.incident,
-                                   flow.dt_before if flow else 0.0, fastest, self._allowed,
+                                   flow.flow.dt if flow else 0.0, fastest, self._allowed,
                                    self.bins.floor[None] if self.bins else 0.0])  # fmt: skip
         saved["counts"] = np.array([self.steps, self.particle_steps, self.moving, self.hottest_id,
                                     flow.count if flow else 0,
@@ -342,8 +342,8 @@ class Simulation:
         if self.surface is not None:
             self.surface.evaluations = evaluations
         if self.flow_step is not None:
-            self.flow_step.dt_before, self.flow_step.count = dt_before, count
-            self.flow_step.flow.fastest = fastest
+            self.flow_step.count = count
+            self.flow_step.flow.dt, self.flow_step.flow.fastest = dt_before, fastest
         if self.bins is not None:
             self.bins.floor[None] = floor
         self.activity.restart()

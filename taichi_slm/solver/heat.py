@@ -119,7 +119,7 @@ class HeatPasses:
     def _compile_rates(self, state: State, rows: Neighbours, disc: Discretisation, emissivity: np.ndarray,
                        evaporations: tuple[Any, ...]) -> Any:  # fmt: skip
         numerics, needs = disc.numerics, state.needs
-        _, F = disc.flow_kernel.functions()
+        slope_of = self.surroundings.slope
         one_material = len(emissivity) == 1
         own = numerics.conduction_correction and numerics.conduction_moment == "own"
         moment = 1.0 if own else disc.conduction_moment
@@ -147,7 +147,7 @@ class HeatPasses:
                 for j in range(rows.near_count[a]):
                     b = rows.near[a, j]
                     same = ti.cast(state.material[b] == m_a, ti.i32)
-                    slope = state.volume[b] * F((x - state.position[b]).norm_sqr())
+                    slope = slope_of(a, j, b, x)
                     if ti.static(own):
                         slope *= 0.5 * (g_a + state.conduction_factor[b])
                     conducted += slope * flux(

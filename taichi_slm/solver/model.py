@@ -12,7 +12,7 @@ from taichi_slm.physics.material import MaterialTables
 from taichi_slm.physics.phase_change import needed_tables, property_setter
 from taichi_slm.physics.viscosity import artificial_viscosity
 from taichi_slm.scene.scene import Scene
-from taichi_slm.solver.activity import WARM_FROM, Activity
+from taichi_slm.solver.activity import AHEAD, AHEAD_STEPS, WARM_FROM, Activity
 from taichi_slm.solver.discretisation import discretise
 from taichi_slm.solver.ejection import Ejection
 from taichi_slm.solver.flow import FlowPasses
@@ -61,7 +61,8 @@ class Model:
         margin = 2.0 * dx
         lower, upper = scene.lower - margin, scene.upper + margin
         widest = max(far or near, disc.surface_kernel.support if needs.surface else 0.0)
-        cells = Cells(state, lower, upper, cell_size(far or near, dx), dx, widest, schedule)
+        ahead = AHEAD * 0.5 * skin, AHEAD_STEPS
+        cells = Cells(state, lower, upper, cell_size(far or near, dx), dx, widest, ahead, schedule)
         self.rows = Neighbours(state, cells, still, near, far, dx, schedule)
         self.bins = None
         if config.laser is not None and needs.laser:

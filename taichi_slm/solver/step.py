@@ -18,7 +18,6 @@ class FlowStep:
         self.flow, self.surface, self.activity = flow, surface, activity
         self.surface_every = surface_every
         self.count = 0
-        self.dt_before = 0.0
         self.advance = {
             "verlet": self.position_verlet,
             "kick_drift": self.kick_drift,
@@ -30,15 +29,14 @@ class FlowStep:
         self.activity.neighbours()
         self.advance(dt)
         self.count += 1
-        self.dt_before = dt
 
     def position_verlet(self, dt: float) -> None:
         """Half drift, density, pressure | surface | momentum | kick, half drift | continuity."""
-        self.flow.advance(drift=0.5 * dt, density=0.5 * (self.dt_before + dt))
+        self.flow.advance(drift=0.5 * dt, density=0.5 * (self.flow.dt + dt))
         self.flow.walls()
         self.surface_forces()
         self.flow.momentum(dt)
-        self.flow.kick(dt, self.dt_before, drift=0.5 * dt)
+        self.flow.kick(dt, drift=0.5 * dt)
         self.flow.continuity()
 
     def kick_drift(self, dt: float) -> None:
@@ -47,7 +45,7 @@ class FlowStep:
         self.flow.walls()
         self.surface_forces()
         self.flow.momentum(dt)
-        self.flow.kick(dt, self.dt_before, drift=0.0)
+        self.flow.kick(dt, drift=0.0)
         self.flow.continuity()
         self.flow.advance(drift=dt, density=dt)
 
@@ -58,7 +56,7 @@ class FlowStep:
         self.surface_forces()
         self.flow.momentum(dt)
         self.flow.continuity()
-        self.flow.kick(dt, self.dt_before, drift=dt)
+        self.flow.kick(dt, drift=dt)
         self.flow.advance(drift=0.0, density=dt)
 
     def surface_forces(self) -> None:

@@ -1,12 +1,13 @@
 """What its neighbours say of a particle, for the heat passes: found once where nobody moves, as the lists are.
 
+slopes             V_b F of every neighbour, in 2-D: a heat step has some five stages, which all read them
 conduction_factor  what the neighbours that are missing at a surface would have carried
 surface_area       surface per volume that radiates and evaporates
 """
 
 from typing import Any
 
-from taichi_slm.backend import handed_out, ti
+from taichi_slm.backend import Blocks, handed_out, ti
 from taichi_slm.physics.conduction import own_factor, side_asymmetry
 from taichi_slm.physics.continuity import flat_table
 from taichi_slm.physics.radiation import area_density
@@ -16,18 +17,30 @@ from taichi_slm.sph.symmetric import symmetric
 from taichi_slm.state import State
 
 
+def keeps_slopes(dimension: int) -> bool:
+    """Whether lists have a slope beside each entry: in 3-D there are a hundred, and no memory to spare for them."""
+    return dimension == 2
+
+
 class Surroundings:
-    """The pass over the hot rows whose neighbours may have moved, or whose lists are new."""
+    """The pass over the hot rows whose neighbours may have moved, or whose lists are new.
+
+    ``slope``: the Taichi function (particle a, j, its neighbour b = near[a, j], place of a) -> V_b F [1/m^2].
+    """
 
     def __init__(self, state: State, rows: Neighbours, disc: Discretisation):
         self._rows, self._schedule = rows, disc.schedule
         own = disc.numerics.conduction_correction and disc.numerics.conduction_moment == "own"
-        losses = state.needs.losses
-        factor_of = _conduction_factor(state, rows, disc) if own else None
+        losses, keeps = state.needs.losses, keeps_slopes(disc.dimension)
+        self.slopes: Any = Blocks(state.count).field(disc.real, rows.near_capacity) if keeps else None
+        slopes: Any = self.slopes
+        self.slope = slope = _slope(state, disc, slopes)
+        F = disc.flow_kernel.functions()[1]
+        factor_of = _conduction_factor(state, rows, disc, slope) if own else None
         area_of = _radiating_area(state, rows, disc) if losses else None
         state.conduction_factor.fill(1.0 / disc.conduction_moment)
         expands = disc.numerics.solid_density == "true"  # the volumes of still particles change, too
-        self._has_work = own or losses
+        self._has_work = own or losses or keeps
 
         @handed_out
         @ti.kernel
@@ -36,6 +49,12 @@ class Surroundings:
             for k in range(hot):
                 a = rows.hot_rows[k]
                 if expands or rows.listed[a] != SETTLED:
+                    if ti.static(keeps):
+                        for j in range(rows.near_count[a]):
+                            b = rows.near[a, j]
+                            slopes[a, j] = state.volume[b] * F(
+                                (state.position[a] - state.position[b]).norm_sqr()
+                            )
                     if ti.static(own):
                         state.conduction_factor[a] = factor_of(a)
                     if ti.static(losses):
@@ -51,9 +70,25 @@ class Surroundings:
             self._look(self._rows.hot, self._schedule.alone(self._rows.hot // 4))
 
 
-def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> Any:
-    """The Taichi function a -> factor of its conduction from the moments of its own neighbours."""
+def _slope(state: State, disc: Discretisation, slopes: Any) -> Any:
+    """The Taichi function that `Surroundings` tells of; ``slopes``: the kept ones, or None."""
     _, F = disc.flow_kernel.functions()
+    kept = slopes is not None
+
+    @ti.func
+    def of(a, j, b, x):
+        result = x[0] * 0.0
+        if ti.static(kept):  # noqa: SIM108 - Taichi compiles both sides of the other form
+            result = slopes[a, j]
+        else:
+            result = state.volume[b] * F((x - state.position[b]).norm_sqr())
+        return result
+
+    return of
+
+
+def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation, slope: Any) -> Any:
+    """The Taichi function a -> factor of its conduction from the moments of its own neighbours."""
     factor = own_factor(disc.dimension, disc.conduction_moment, side_asymmetry(disc.flow_kernel, disc.dx))
     products, matrix = symmetric(disc.dimension)
 
@@ -66,10 +101,9 @@ def _conduction_factor(state: State, rows: Neighbours, disc: Discretisation) -> 
         for j in range(rows.near_count[a]):
             b = rows.near[a, j]
             r = x - state.position[b]
-            r2 = r.norm_sqr()
-            weight = -state.volume[b] * F(r2)
+            weight = -slope(a, j, b, x)
             first += weight * r
-            length += weight * ti.sqrt(r2)
+            length += weight * r.norm()
             moment += weight * products(r)
         return factor(matrix(moment), first, length)
 

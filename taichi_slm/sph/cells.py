@@ -2,7 +2,8 @@
 
 Cells hold at most ``capacity`` particles, in the order of their ids: sums over neighbours are then the same bits
 in every run. A fuller cell is an error that the host reads, never a truncation. A particle is where its reference
-position is, which is that of when it was last put into a cell: after a build only those who moved far enough change
+position is: where it stood when it was last put into a cell, or, of one that moves, a little ahead on its way, so that
+it stays within half a skin of there for almost twice as long. After a build only those who left it far enough change
 it, the cells that see them are ``touched``, and which cells are active is asked of those who may be warm.
 """
 
@@ -45,7 +46,10 @@ class Cells:
     """
 
     def __init__(self, state: State, lower: np.ndarray, upper: np.ndarray, size: float, dx: float, widest: float,
-                 schedule: Schedule):  # fmt: skip
+                 ahead: tuple[float, int], schedule: Schedule):  # fmt: skip
+        """``widest`` [m]: the longest radius of a search; ``ahead``: a new reference is at most so far [m] and so many
+        flow steps ahead on the way of its particle.
+        """
         self.size = size
         self.border = self.reach(widest)
         self.shape = tuple(
@@ -75,6 +79,7 @@ class Cells:
         self.reference = state.reference_position if state.needs.flow else state.position
         self._schedule = schedule
         self.cell_of, self._finite = self._compile_place(lower)
+        self._way, self._refer = self._compile_refer(state, *ahead)
         self._clear, self._fill, self._sort, self._rouse = self._compile_build(state, schedule.ordered)
         self._follow = self._compile_follow(state)
 
@@ -99,10 +104,39 @@ class Cells:
 
         return cell_of, finite
 
+    def _compile_refer(self, state: State, farthest: float, longest: int) -> tuple[Any, Any]:
+        reference, finite, invalid = self.reference, self._finite, self.invalid
+        flow, shifts = state.needs.flow, state.needs.shifting
+
+        @ti.func
+        def way(a, dt):
+            """Of ``a`` in a flow step like the last one, of ``dt`` [s]: [m]."""
+            result = state.position[a] * 0.0
+            if ti.static(flow):
+                if state.mobility[a] == MOBILE:
+                    result = dt * state.velocity[a]
+                    if ti.static(shifts):
+                        result += state.shift[a]
+            return result
+
+        @ti.func
+        def refer(a, dt):
+            """Give ``a`` a new reference, ahead on its way, which is to be finite; returns the cell of that."""
+            x = state.position[a]
+            if ti.static(flow):
+                step = way(a, dt)
+                x += ti.min(ti.cast(longest, state.real), farthest / (step.norm() + 1e-30)) * step
+                reference[a] = x
+                if finite(x) == 0:
+                    invalid[None] = a
+            return self.cell_of(x)
+
+        return way, refer
+
     def _compile_build(self, state: State, ordered: bool) -> tuple[Any, ...]:
         count, items, active, home = self.count, self.items, self.active, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
-        cell_of, finite, reference = self.cell_of, self._finite, self.reference
+        cell_of, finite, refer = self.cell_of, self._finite, self._refer
 
         @ti.func
         def stirs(a, warm_from, rest):
@@ -120,7 +154,7 @@ class Cells:
 
         @direct
         @ti.kernel
-        def fill(warm_from: ti.f64, rest: ti.f64, taken_up: ti.i32):
+        def fill(warm_from: ti.f64, rest: ti.f64, taken_up: ti.i32, dt: state.real):
             ti.loop_config(serialize=ordered)
             for a in range(state.count):
                 if state.mobility[a] != REMOVED:
@@ -129,9 +163,9 @@ class Cells:
                         invalid[None] = a
                     else:
                         c = cell_of(x)
-                        home[a] = c
                         if taken_up != 0:
-                            reference[a] = x
+                            c = refer(a, dt)
+                        home[a] = c
                         slot = ti.atomic_add(count[c], 1)
                         if slot < capacity:
                             items[c, slot] = a
@@ -170,7 +204,7 @@ class Cells:
     def _compile_follow(self, state: State) -> Any:
         count, items, home = self.count, self.items, self.home
         overflow, invalid, capacity = self.overflow, self.invalid, self.capacity
-        cell_of, finite, reference = self.cell_of, self._finite, self.reference
+        finite, reference, way, refer = self._finite, self.reference, self._way, self._refer
         window, touched = self.window(self.border), self.touched
         stirred = ti.field(
             ti.i32, shape=self.total
@@ -207,21 +241,32 @@ class Cells:
             else:
                 overflow[None] = a
 
+        @ti.func
+        def leaves(a, within2, steps, dt):
+            """Whether ``a`` is too far from its reference, or will be after so many steps like the last one."""
+            off = state.position[a] - reference[a]
+            return off.norm_sqr() > within2 or (off + steps * way(a, dt)).norm_sqr() > within2
+
         @direct
         @ti.kernel
-        def follow(moved: ti.template(), number: ti.i32, near2: state.real, now: ti.i32):
+        def follow(
+            moved: ti.template(),
+            number: ti.i32,
+            within2: state.real,
+            steps: state.real,
+            dt: state.real,
+            now: ti.i32,
+        ):
             ti.loop_config(serialize=True)  # two may leave one cell
             for k in range(number):
                 a = moved[k]
-                x = state.position[a]
-                if finite(x) == 0:
+                if finite(state.position[a]) == 0:
                     invalid[None] = a
                 elif state.mobility[a] == REMOVED:
                     take_out(a, home[a])
                     touch(home[a], now)
-                elif state.mobility[a] != MOBILE or (x - reference[a]).norm_sqr() > near2:
-                    c = cell_of(x)
-                    reference[a] = x
+                elif state.mobility[a] != MOBILE or leaves(a, within2, steps, dt):
+                    c = refer(a, dt)
                     touch(home[a], now)
                     if c != home[a]:
                         take_out(a, home[a])
@@ -245,14 +290,14 @@ class Cells:
         """Cells to look at on each side for everything within ``radius`` [m]."""
         return int(math.ceil(radius / self.size - 1e-9))
 
-    def build(self, warm_from: float, rest: float, taken_up: bool) -> None:
+    def build(self, warm_from: float, rest: float, taken_up: bool, dt: float) -> None:
         """Put every particle that is not removed into its cell and tell which cells are active.
 
-        Warm is a temperature that differs from ``rest`` [K] by more than ``warm_from`` [K]. ``taken_up``: where the
-        particles are becomes their reference, by which all lists are to be searched next.
+        Warm is a temperature that differs from ``rest`` [K] by more than ``warm_from`` [K]. ``taken_up``: the particles
+        get new references, after a flow step of ``dt`` [s], by which all lists are to be searched next.
         """
         self._clear(self._schedule.plain(self.total))
-        self._fill(warm_from, rest, int(taken_up))
+        self._fill(warm_from, rest, int(taken_up), dt)
         if not self._schedule.ordered:  # a serial fill is in order already
             self._sort()
 
@@ -261,13 +306,14 @@ class Cells:
         """Whether a few particles can change their cells without a build: on a CPU, one after another."""
         return self._schedule.ordered
 
-    def follow(self, moved: Any, number: int, within: float) -> None:
+    def follow(self, moved: Any, number: int, within: float, steps: float, dt: float) -> None:
         """Take up where the first ``number`` particles of the field ``moved`` are now; the removed ones leave.
 
-        Those that are ``within`` [m] of their reference keep it (0: only who has not moved), but for the frozen ones.
+        Those keep their reference that are ``within`` [m] of it (0: only who has not moved), and will be after so many
+        flow ``steps`` like their last one, of ``dt`` [s]; but for the frozen ones.
         """
         self.followings += 1
-        self._follow(moved, number, within**2, self.followings)
+        self._follow(moved, number, within**2, steps, dt, self.followings)
 
     def rouse(self, rows: Any, number: int, warm_from: float, rest: float) -> None:
         """Tell anew which cells are active: warm and mobile are some of the first ``number`` in the field ``rows``."""
