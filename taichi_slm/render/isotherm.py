@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_slm.render.frame import FOOTER, MARGIN, Frame
 from taichi_slm.render.grid import REACH, sample
-from taichi_slm.render.overlay import draw_text
+from taichi_slm.render.overlay import dots_of, draw_text
 from taichi_slm.render.paint import Scales
 
 CELL = 0.5  # grid spacing [dx]
@@ -95,7 +95,7 @@ def _draw_lines(
     plotter.add_mesh(
         pv.PolyData(points, lines=np.array(cells)),
         color=colour,
-        line_width=width,
+        line_width=width * dots_of(plotter),
         lighting=False,
         render=False,
     )

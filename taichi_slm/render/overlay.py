@@ -1,4 +1,7 @@
-"""What surrounds the metal on a picture, in pixels: colour bar, swatches, scale bar, texts."""
+"""What surrounds the metal on a picture, in pixels: colour bar, swatches, scale bar, texts.
+
+A pixel of the picture is some dots of the window along each side, by the window's resolution, which VTK sizes fonts by.
+"""
 
 from typing import Any, Literal
 
@@ -10,7 +13,18 @@ TEXT, SMALL = 30, 26  # font sizes [px]
 INK = (0.1, 0.1, 0.1)
 BAR_HEIGHT = 26
 LETTER = 0.55  # mean width of a letter, in font sizes
+POINTS = 72  # per inch: the resolution at which VTK's fonts are of their size in dots
 Side = Literal["left", "centre", "right"]
+
+
+def set_dots(plotter: Any, dots: int) -> None:
+    """From now on ``dots`` of the window of ``plotter`` along a pixel."""
+    plotter.render_window.SetDPI(POINTS * dots)
+
+
+def dots_of(plotter: Any) -> int:
+    """Dots of the window of ``plotter`` along a pixel."""
+    return int(plotter.render_window.GetDPI()) // POINTS
 
 
 def draw_text(
@@ -40,7 +54,7 @@ def draw_text(
         style.SetBackgroundColor(1.0, 1.0, 1.0)
         style.SetBackgroundOpacity(0.65)
     style.SetVerticalJustificationToBottom()
-    actor.SetPosition(*at)
+    actor.SetPosition(*(dots_of(plotter) * np.array(at)))
     plotter.add_actor(actor, render=False)
 
 
@@ -52,7 +66,7 @@ def draw_boxes(plotter: Any, boxes: np.ndarray, colours: np.ndarray) -> None:
 
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
     points = np.zeros((len(corners), 3), dtype=np.float32)
-    points[:, :2] = corners
+    points[:, :2] = dots_of(plotter) * corners
     faces = np.full((len(boxes), 5), 4)
     faces[:, 1:] = np.arange(4 * len(boxes)).reshape(-1, 4)
     mesh = pv.PolyData(points, faces=faces.ravel())

@@ -269,7 +269,7 @@ class Simulation:
         """The particles that are still there, in the order of their ids; SI units, names as in the snapshots."""
         count, kinds = self.scene.count, _OF_THE_SCENE
         found = self.state.arrays(["mobility", *(name for name in names if name in self.state.names)])
-        there = found["mobility"] != REMOVED
+        there = np.flatnonzero(found["mobility"] != REMOVED)
         found |= {
             name: np.asarray(getattr(self.scene, name)).astype(kinds[name]) for name in names if name in kinds
         }
@@ -277,7 +277,8 @@ class Simulation:
         found.setdefault("pressure", np.zeros(count))  # that nobody computes
         if "ever_liquid" in found:
             found["ever_liquid"] = found["ever_liquid"].astype(np.uint8)
-        return {name: found[name][there] for name in names if name in found}
+        # of vectors numpy takes the same rows by a mask, or by numbers in brackets, in ten times the time
+        return {name: found[name].take(there, axis=0) for name in names if name in found}
 
     def diagnostics(self) -> dict[str, float | int | str]:
         """One row of the history, but for the melt pool's size."""
