@@ -196,12 +196,36 @@ def test_an_error_is_that_of_several_runs():
     assert accuracy.CASES["spot_weld"].near(50e-6)[0] == 50e-6
 
 
+@pytest.mark.parametrize(
+    ("mine", "theirs", "known_to", "dominated_by"),
+    [
+        ([0.2], [0.15], 0.0, 0.2 / 0.15),
+        ([0.2], [0.15], 0.06, 1.0),  # the answer is not known as well as that
+        ([0.20, 0.21, 0.19, 0.2, 0.2], [0.15, 0.16, 0.14, 0.15, 0.15], 0.0, 0.2001 / 0.1501),
+        ([0.03, 0.03, 0.03, 0.03, 0.04], [0.03, 0.03, 0.03, 0.03, 0.02], 0.0, 1.0),  # one lattice of five
+        ([0.03, 0.03, 0.03, 0.03, 0.03], [0.03, 0.03, 0.03, 0.03, 0.02], 0.0, 1.0),
+    ],
+)
+def test_settings_are_dominated_by_others_that_are_faster_and_certainly_nearer(
+    mine, theirs, known_to, dominated_by
+):
+    rows = [
+        {"settings": "f64", "seconds": 2.0, "errors": mine},
+        {"settings": "step x 1.5", "seconds": 1.0, "errors": theirs},
+    ]
+    for row in rows:
+        row |= {"resolution": "8", "error": sum(error**2 for error in row["errors"]) ** 0.5}
+    accuracy.add_front(rows, known_to)
+    assert rows[0]["dominated by"] == pytest.approx(dominated_by, rel=1e-3)
+    assert rows[0]["by bare numbers"] > 1.05
+
+
 def test_settings_are_dominated_by_others_at_their_resolution():
     rows = [
-        {"settings": "f64", "resolution": "8", "seconds": 2.0, "error": 0.2},
-        {"settings": "f32", "resolution": "8", "seconds": 1.0, "error": 0.15},
-        {"settings": "f64", "resolution": "14", "seconds": 9.0, "error": 0.3},
-        {"settings": "step x 1.5", "resolution": "14", "seconds": 6.0, "error": 0.4},
+        {"settings": "f64", "resolution": "8", "seconds": 2.0, "error": 0.2, "errors": [0.2]},
+        {"settings": "f32", "resolution": "8", "seconds": 1.0, "error": 0.15, "errors": [0.15]},
+        {"settings": "f64", "resolution": "14", "seconds": 9.0, "error": 0.3, "errors": [0.3]},
+        {"settings": "step x 1.5", "resolution": "14", "seconds": 6.0, "error": 0.4, "errors": [0.4]},
         {"settings": "paper's forms", "resolution": "14", "failure": "blew up"},
     ]
     accuracy.add_front(rows)

@@ -158,7 +158,7 @@ class Performance(Frozen):
         0.1,
         description="a heat step may be longer than heat_steps_at_most as long as nobody moves farther [dx] in it",
     )
-    keep_neighbours: bool = Field(True, description="Verlet lists kept until something moved half a skin")
+    keep_neighbours: bool = Field(True, description="Verlet lists kept until somebody is half a skin off")
     skin: PositiveNumber = Field(0.4, description="skin of the neighbour lists [dx]", le=2)
     serial_below: Annotated[int, Field(ge=0), NO_SWITCH] = Field(
         600,

@@ -1,9 +1,9 @@
 """Who has work to do: mobile, beside the mobile, hot or lit. The rows of the lists, and when to choose them anew.
 
-When somebody moved half a skin or melted, the lists are stale: those who move change their cells, the flow rows are
-gathered and their lists searched, at a cost that follows the flow rows. When the warmth, the beam or a mobile particle
-reached the rim of the hot set, that is outgrown: it is chosen anew from all cells, which costs a look at every
-particle, and no list of who moves.
+When somebody left its reference position by half a skin, or melted, the lists are stale: those who move get new
+references and change their cells, the flow rows are gathered and their lists searched, at a cost that follows the flow
+rows. When the warmth, the beam or a mobile particle reached the rim of the hot set, that is outgrown: it is chosen anew
+from all cells, which costs a look at every particle, and no list of who moves.
 """
 
 import math
@@ -67,7 +67,7 @@ class Activity:
         self.cells.build(WARM_FROM, self.rest, taken_up=True, dt=0.0)
 
     def neighbours(self) -> None:
-        """Build the lists anew if they are stale or somebody moved half a skin."""
+        """Build the lists anew if they are stale or somebody is half a skin away from its reference."""
         moved = self.flow is not None and self.builds > 0 and self.flow.moved > self._half_skin**2
         if not self._keep:
             self.forget()

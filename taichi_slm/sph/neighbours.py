@@ -7,8 +7,9 @@ Two sets of rows:
     rows [mobile, flow) still particles beside them: walls, and carriers of the surface's colour
 
 A row has a list of the particles within the `near` radius (flow and heat); flow rows have a second one for the shell
-between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a particle has moved
-by half of it. A list among still particles is good for ever, so it is searched once, and without a skin.
+between `near` and `far` (surface terms). Both radii include the skin: the lists stay good until a particle is half of
+it away from its reference position. A list among still particles is good for ever, so it is searched once, and without
+a skin.
 """
 
 from typing import Any
