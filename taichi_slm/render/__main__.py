@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from taichi_slm.errors import SlmError
-from taichi_slm.render.views import render_run
+from taichi_slm.render.views import open_plotter, render_run
 
 LOADED_FIRST = ("pyvista.plotting", "scipy.spatial", "contourpy", "PIL.PngImagePlugin")
 
@@ -35,9 +35,17 @@ def _told() -> bool:
     ended_by = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is meant for the run, which knows what to do
     for module in LOADED_FIRST:
         importlib.import_module(module)
+    _open_a_window()
     told = bool(sys.stdin.readline())
     signal.signal(signal.SIGINT, ended_by)
     return told
+
+
+def _open_a_window() -> None:
+    """A first window loads OpenGL, and asks whether there is any."""
+    plotter = open_plotter((8, 8))
+    plotter.screenshot(return_img=True)
+    plotter.close()
 
 
 if __name__ == "__main__":

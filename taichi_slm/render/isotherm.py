@@ -10,7 +10,7 @@ from taichi_slm.render.grid import REACH, sample
 from taichi_slm.render.overlay import dots_of, draw_text
 from taichi_slm.render.paint import Scales
 
-CELL = 0.5  # grid spacing [dx]
+CELL = 0.7  # grid spacing [dx]
 THIN_STEP = 500.0  # between the thin isotherms [K]
 LABEL = (84.0, 26.0)  # width and height of a label [px]
 LABELLED = 150  # isotherms at least this wide carry their temperature [px]

@@ -65,6 +65,19 @@ def open_run(folder: Path, images: Sequence[str] | None = None) -> tuple[Config,
     return config, kinds, series
 
 
+def open_plotter(window: tuple[int, int]) -> Any:
+    """A plotter with a white, empty window of so many pixels, off-screen."""
+    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    # VTK warns of a missing display, then does without
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+    plotter: Any = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
+    plotter.add_light(pv.Light(light_type="headlight", intensity=0.9))  # for meshes that ask for it
+    plotter.renderer.SetBackground(1.0, 1.0, 1.0)
+    return plotter
+
+
 @dataclass(frozen=True)
 class Clock:
     """Simulated time as it is written on every picture of a run."""
@@ -95,9 +108,6 @@ class Studio:
     def __init__(
         self, folder: Path, config: Config, snapshots: list[Snapshot], box: np.ndarray | None = None
     ) -> None:
-        import pyvista as pv
-        from vtkmodules.vtkCommonCore import vtkLogger
-
         self.folder, self.config = folder, config
         self.title = config.title or folder.resolve().name
         self.clock = Clock.for_end(config.time.end)
@@ -112,12 +122,7 @@ class Studio:
             self.region = Region.of(snapshots, config.spacing)
             self.close_up = {kind: self.region.frame(kind) for kind in ONLY_3D}
             self.scales = replace(self.scales, height=(self.region.molten[0][2], self.region.molten[1][2]))
-        vtkLogger.SetStderrVerbosity(
-            vtkLogger.VERBOSITY_ERROR
-        )  # it warns of a missing display, then does without
-        self.plotter: Any = pv.Plotter(off_screen=True, window_size=list(self.whole.window), lighting="none")
-        self.plotter.add_light(pv.Light(light_type="headlight", intensity=0.9))  # for meshes that ask for it
-        self.plotter.renderer.SetBackground(1.0, 1.0, 1.0)
+        self.plotter = open_plotter(self.whole.window)
 
     def close(self) -> None:
         """Give the plotter back."""
