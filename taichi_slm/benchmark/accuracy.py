@@ -253,24 +253,21 @@ def add_front(rows: list[dict[str, Any]], known_to: float = 0.0) -> None:
             others = [
                 each for each in measured if each is not row and each["resolution"] == row["resolution"]
             ]
-            for column, further in (
-                ("dominated by", _further),
-                ("by bare numbers", _further_by_bare_numbers),
-            ):
-                better = (
-                    min(row["seconds"] / other["seconds"], further(row, other, known_to)) for other in others
-                )
-                row[column] = max(better, default=0.0)
+            faster = [row["seconds"] / other["seconds"] for other in others]
+            bare = [_bare_ratio(row, other) for other in others]
+            certain = [_ratio(row, other, known_to) for other in others]
+            row["dominated by"] = max(map(min, faster, certain), default=0.0)
+            row["by bare numbers"] = max(map(min, faster, bare), default=0.0)
 
 
-def _further_by_bare_numbers(row: dict[str, Any], other: dict[str, Any], _: float = 0.0) -> float:
+def _bare_ratio(row: dict[str, Any], other: dict[str, Any]) -> float:
     """How many times as far from the answer ``row`` is as ``other``."""
     return float(row["error"] / max(other["error"], 1e-300))
 
 
-def _further(row: dict[str, Any], other: dict[str, Any], known_to: float) -> float:
+def _ratio(row: dict[str, Any], other: dict[str, Any], known_to: float) -> float:
     """The same; 1 where ``row`` is further, but not for certain, or by less than the answer is known to."""
-    ratio = _further_by_bare_numbers(row, other)
+    ratio = _bare_ratio(row, other)
     if ratio > 1.0 and row["error"] - other["error"] < known_to:
         return 1.0
     if ratio > 1.0 and len(row["errors"]) == len(other["errors"]) > 1:

@@ -34,8 +34,8 @@ class Surroundings:
         losses, keeps = state.needs.losses, keeps_slopes(disc.dimension)
         self.slopes: Any = Blocks(state.count).field(disc.real, rows.near_capacity) if keeps else None
         slopes: Any = self.slopes
-        self.slope = slope = _slope(state, disc, slopes)
-        F = disc.flow_kernel.functions()[1]
+        slope_at = _slope_at(state, disc)
+        self.slope = slope = _slope(slopes, slope_at)
         factor_of = _conduction_factor(state, rows, disc, slope) if own else None
         area_of = _radiating_area(state, rows, disc) if losses else None
         state.conduction_factor.fill(1.0 / disc.conduction_moment)
@@ -51,10 +51,7 @@ class Surroundings:
                 if expands or rows.listed[a] != SETTLED:
                     if ti.static(keeps):
                         for j in range(rows.near_count[a]):
-                            b = rows.near[a, j]
-                            slopes[a, j] = state.volume[b] * F(
-                                (state.position[a] - state.position[b]).norm_sqr()
-                            )
+                            slopes[a, j] = slope_at(rows.near[a, j], state.position[a])
                     if ti.static(own):
                         state.conduction_factor[a] = factor_of(a)
                     if ti.static(losses):
@@ -70,9 +67,19 @@ class Surroundings:
             self._look(self._rows.hot, self._schedule.alone(self._rows.hot // 4))
 
 
-def _slope(state: State, disc: Discretisation, slopes: Any) -> Any:
-    """The Taichi function that `Surroundings` tells of; ``slopes``: the kept ones, or None."""
+def _slope_at(state: State, disc: Discretisation) -> Any:
+    """The Taichi function (particle b, place x) -> V_b F."""
     _, F = disc.flow_kernel.functions()
+
+    @ti.func
+    def at(b, x):
+        return state.volume[b] * F((x - state.position[b]).norm_sqr())
+
+    return at
+
+
+def _slope(slopes: Any, slope_at: Any) -> Any:
+    """The Taichi function that `Surroundings` tells of; ``slopes``: the kept ones, or None."""
     kept = slopes is not None
 
     @ti.func
@@ -81,7 +88,7 @@ def _slope(state: State, disc: Discretisation, slopes: Any) -> Any:
         if ti.static(kept):  # noqa: SIM108 - Taichi compiles both sides of the other form
             result = slopes[a, j]
         else:
-            result = state.volume[b] * F((x - state.position[b]).norm_sqr())
+            result = slope_at(b, x)
         return result
 
     return of
